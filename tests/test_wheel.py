@@ -25,35 +25,51 @@ def installed(tmp_path_factory):
     return target
 
 
-def _run(site, folder, *arguments):
-    environment = {**os.environ, "PYTHONPATH": str(site), "PYTHONSAFEPATH": "1"}
-    command = [sys.executable, "-m", "circlecal.cli", *arguments]
-    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+COMMANDS = """
+import json, sys
+import circlecal
+from circlecal.cli import main
+
+codes = []
+for arguments in json.loads(sys.argv[1]):
+    try:
+        main(arguments)
+    except SystemExit as ended:
+        codes.append(ended.code or 0)
+print(json.dumps([circlecal.__file__, codes]))
+"""
 
 
-def test_wheel_calibrates(installed, tmp_path):
-    where = "import circlecal; print(circlecal.__file__)"
+@pytest.fixture(scope="module")
+def ran(installed, tmp_path_factory):
+    """Folder in which a process that knows the wheel alone has run commands, and what it printed, line by line."""
+    folder = tmp_path_factory.mktemp("ran")
+    refused = {"schema_version": 1, "id": "a", "status": "refused", "code": "no_field", "source": {"path": "a.jpg"}}
+    (folder / "results.jsonl").write_text(json.dumps(refused) + "\n")
+    sample = ROOT / "samples" / "full_circle.jpg"
+    commands = ["calibrate", str(sample), "--config", "broadcast"], ["fields"], ["report", "."]
     environment = {**os.environ, "PYTHONPATH": str(installed), "PYTHONSAFEPATH": "1"}
     found = subprocess.run(
-        [sys.executable, "-c", where], cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
-    )
-    assert found.stdout.startswith(str(installed))
-    outcome = _run(installed, tmp_path, "calibrate", str(ROOT / "samples" / "full_circle.jpg"), "--config", "broadcast")
-    assert outcome.returncode == 0, outcome.stderr
-    assert json.loads((tmp_path / "circlecal-out" / "full_circle.json").read_text())["status"] == "calibrated"
+        [sys.executable, "-c", COMMANDS, json.dumps(commands)],
+        cwd=folder, env=environment, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    return folder, found.stdout.splitlines()
 
 
-def test_wheel_knows_the_fields(installed, tmp_path):
-    outcome = _run(installed, tmp_path, "fields")
-    assert outcome.returncode == 0, outcome.stderr
+def test_wheel_calibrates(installed, ran):
+    folder, told = ran
+    file, codes = json.loads(told[-1])
+    assert file.startswith(str(installed))
+    assert codes == [0, 0, 0]
+    assert json.loads((folder / "circlecal-out" / "full_circle.json").read_text())["status"] == "calibrated"
+
+
+def test_wheel_knows_the_fields(ran):
+    told = "\n".join(ran[1])
     for path in (ROOT / "configs" / "fields").glob("*.yaml"):
-        assert path.stem in outcome.stdout
+        assert path.stem in told
 
 
-def test_wheel_writes_a_report(installed, tmp_path):
-    refused = {"schema_version": 1, "id": "a", "status": "refused", "code": "no_field", "source": {"path": "a.jpg"}}
-    (tmp_path / "results.jsonl").write_text(json.dumps(refused) + "\n")
-    outcome = _run(installed, tmp_path, "report", ".")
-    assert outcome.returncode == 0, outcome.stderr
-    report = tmp_path / "circlecal-report"
+def test_wheel_writes_a_report(ran):
+    report = ran[0] / "circlecal-report"
     assert {"index.html", "report.css", "report.js", "frames.js"} <= {p.name for p in report.iterdir()}

@@ -1,6 +1,5 @@
 """A real Dask scheduler with two worker processes: every frame once, whatever happens to a worker."""
 
-import contextlib
 import json
 import signal
 import socket
@@ -12,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from circlecal.batch import cluster as cluster_module
 from circlecal.errors import InputError
 
 from .runs import (
@@ -162,11 +162,30 @@ def test_the_same_answers_as_on_this_machine(run_circlecal, cluster, frame_file,
     assert {path.name for path in Path("there").iterdir()} >= {"good.json", "good.overlay.jpg"}
 
 
-def test_workers_of_this_machine(run_circlecal, tmp_path):
-    out = tmp_path / "out"
+def test_workers_of_this_machine_listen_on_the_loopback_only_and_leave_nothing(run_circlecal, tmp_path, monkeypatch):
+    temporary, out = tmp_path / "tmp", tmp_path / "out"
+    temporary.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(temporary))
+    start, started = cluster_module._local_cluster, []
+
+    def look_at_it(scheduler, stack):
+        local = start(scheduler, stack)
+        started.append(local)
+        assert local.scheduler_address.startswith("tcp://127.0.0.1:")
+        assert all(address.startswith("tcp://127.0.0.1:") for address in local.scheduler.workers)
+        port = int(local.scheduler_address.rpartition(":")[2])
+        other = socket.gethostbyname(socket.gethostname())
+        if not other.startswith("127."):
+            with pytest.raises(OSError), socket.create_connection((other, port), timeout=2):
+                pass
+        return local
+
+    monkeypatch.setattr(cluster_module, "_local_cluster", look_at_it)
     outcome = run_circlecal("batch", paint(tmp_path / "frames", 3), "--out", out, "--scheduler", "local:1")
     assert (outcome.code, outcome.out[:9]) == (1, "3 frames:")
     assert_every_frame_once(out, 3)
+    assert len(started) == 1
+    assert not list(temporary.iterdir())
 
 
 @pytest.mark.parametrize("scheduler", ["local:0", "local:many", "somewhere", "nonsense://a:1"])
@@ -200,27 +219,7 @@ def test_an_address_is_checked_before_connecting(run_circlecal, tmp_path, schedu
     assert time.monotonic() - start < 10
 
 
-def test_nothing_is_left_in_the_temporary_folder_and_the_scheduler_listens_on_the_loopback_only(tmp_path, monkeypatch):
-    from circlecal.batch.cluster import _local_cluster
-
-    temporary = tmp_path / "tmp"
-    temporary.mkdir()
-    monkeypatch.setattr("tempfile.tempdir", str(temporary))
-    with contextlib.ExitStack() as stack:
-        cluster = _local_cluster("local:1", stack)
-        assert cluster.scheduler_address.startswith("tcp://127.0.0.1:")
-        assert all(address.startswith("tcp://127.0.0.1:") for address in cluster.scheduler.workers)
-        port = int(cluster.scheduler_address.rpartition(":")[2])
-        other = socket.gethostbyname(socket.gethostname())
-        if not other.startswith("127."):
-            with pytest.raises(OSError), socket.create_connection((other, port), timeout=2):
-                pass
-    assert not list(temporary.iterdir())
-
-
 def test_what_was_finished_and_lost_with_all_workers_is_not_waited_for(monkeypatch):
-    from circlecal.batch import cluster
-
     class Lost:
         status = "finished"
 
@@ -234,6 +233,6 @@ def test_what_was_finished_and_lost_with_all_workers_is_not_waited_for(monkeypat
         def nthreads(self) -> dict[str, int]:
             return {}
 
-    patience = cluster._Patience(Alone(), "tcp://a:1", 0.0)
+    patience = cluster_module._Patience(Alone(), "tcp://a:1", 0.0)
     with pytest.raises(InputError, match="all workers are lost"):
-        cluster._result(Lost(), None, None, patience)
+        cluster_module._result(Lost(), None, None, patience)

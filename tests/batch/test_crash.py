@@ -69,17 +69,16 @@ def test_killed_again_and_again(run_circlecal, in_this_process, tmp_path):
     count = 24
     frames, out = paint(tmp_path / "frames", count), tmp_path / "out"
     generator = np.random.default_rng(7)
-    for _ in range(2):
+    for workers in ("2", "1"):
         before = finished(out)
-        run = subprocess.Popen(
-            batch_command(frames, out, "-q"), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=SURROUNDINGS
-        )
+        command = [*batch_command(frames, out, "-q"), "--workers", workers]
+        run = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=SURROUNDINGS)
         wait_for(lambda run=run, before=before: run.poll() is not None or finished(out) > before)
         time.sleep(generator.uniform(0, 0.05))
-        workers = children(run.pid)
+        started = children(run.pid)
         run.send_signal(signal.SIGKILL)
         run.wait()
-        wait_for(lambda workers=workers: not any(alive(pid) for pid in workers))
+        wait_for(lambda started=started: not any(alive(pid) for pid in started))
         lines = (out / RESULTS_NAME).read_bytes().splitlines(keepends=True)
         ids = [json.loads(line)["id"] for line in lines if line.endswith(b"\n")]
         assert len(ids) == len(set(ids)) >= before

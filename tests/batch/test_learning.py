@@ -1,6 +1,7 @@
 """What the calibrated frames of a run tell those that were refused."""
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -53,12 +54,25 @@ def run_hall(folder: Path, out: Path, *settings: str, backwards: bool = False) -
     return found
 
 
-@pytest.fixture
-def told(hall, in_this_process, tmp_path):
-    return run_hall(hall[0], tmp_path / "told")
+@pytest.fixture(scope="module", autouse=True)
+def _in_this_process(module_in_this_process):
+    """No test here starts a worker."""
 
 
-def test_frames_that_fail_alone_pass_with_the_paint_of_the_others(hall, told, in_this_process, tmp_path):
+@pytest.fixture(scope="module")
+def told_folder(hall, tmp_path_factory):
+    """Where the hall was run once; no test writes to it."""
+    folder = tmp_path_factory.mktemp("told")
+    run_hall(hall[0], folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def told(told_folder):
+    return {record["id"]: record for record in records(told_folder)}
+
+
+def test_frames_that_fail_alone_pass_with_the_paint_of_the_others(hall, told, tmp_path):
     alone = run_hall(hall[0], tmp_path / "alone", "learning.enabled=false")
     assert {name for name, r in alone.items() if r["status"] == "calibrated"} == {f"f{k}" for k in CLEAR}
     assert {r["status"] for r in told.values()} == {"calibrated"}
@@ -77,11 +91,11 @@ def test_frames_that_fail_alone_pass_with_the_paint_of_the_others(hall, told, in
         assert off.max() < 4.0 * max(told[name]["camera"]["max_sigma_px"], 0.5)
 
 
-def test_neither_order_nor_a_stop_changes_what_is_learnt(hall, told, in_this_process, tmp_path):
+def test_neither_order_nor_a_stop_changes_what_is_learnt(hall, told, told_folder, tmp_path):
     def answers(found):
         return {name: {k: v for k, v in r.items() if k != "timings_ms"} for name, r in found.items()}
 
-    out = tmp_path / "told"
+    out = Path(shutil.copytree(told_folder, tmp_path / "told"))
     before = (out / "results.jsonl").read_bytes()
     assert answers(run_hall(hall[0], out)) == answers(told)
     assert (out / "results.jsonl").read_bytes() == before  # nothing was calibrated a third time
@@ -130,11 +144,15 @@ def test_a_mask_or_a_colour_that_is_given_leaves_nothing_to_learn(tmp_path):
     assert learn_from(FrameRun(load_config("futsal", ["learning.enabled=false"])), yellow) is None
 
 
-def test_what_cannot_be_read_again_keeps_its_record(hall, in_this_process, tmp_path, monkeypatch):
+def test_what_cannot_be_read_again_keeps_its_record(hall, told_folder, tmp_path, monkeypatch):
     def lose(frame):
         raise InputError(f"{frame.id}: is gone")
 
     monkeypatch.setattr(learning, "_find_file", lose)
-    found = run_hall(hall[0], tmp_path / "out")
+    # the frames that tell the colour are finished, the others come now
+    lines = (told_folder / "results.jsonl").read_bytes().splitlines(keepends=True)
+    clear = [line for line in lines if json.loads(line)["id"] in {f"f{k}" for k in CLEAR}]
+    (tmp_path / "results.jsonl").write_bytes(b"".join(clear))
+    found = run_hall(hall[0], tmp_path)
     for number in NOISY:
         assert found[f"f{number}"]["code"] not in (None, "unreadable_input")

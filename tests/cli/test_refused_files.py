@@ -69,7 +69,7 @@ def test_a_known_camera_may_be_left_out_and_a_chosen_field_is_believed(capsys, t
     assert hint(capsys, floor, is_chosen=True) == ""
 
 
-def test_batch_says_it_too(run_circlecal, tmp_path):
+def test_batch_says_it_too(run_circlecal, in_this_process, tmp_path):
     floor = paint_ground(tmp_path / "floor.png", WOOD)
     outcome = run_circlecal("batch", floor, "--workers", 1, "--out", tmp_path / "out")
     assert "circlecal: floor: the ground is no turf; --field auto tries other sports" in outcome.err

@@ -1,5 +1,7 @@
 """The centre mark where its place is known to a hundredth of a pixel: a circle seen without perspective."""
 
+from functools import lru_cache
+
 import cv2
 import numpy as np
 import pytest
@@ -16,7 +18,8 @@ FINE = 8
 """Places at which each pixel is painted, along each axis."""
 
 
-def paint_mark(offset_px: tuple[float, float], bend_px: float = 0.0, noise: float = 0.0, seed: int = 0) -> np.ndarray:
+@lru_cache(maxsize=1)
+def paint_softly(offset_px: tuple[float, float], bend_px: float) -> np.ndarray:
     """A vertical halfway line with a disc so far from its middle, bent sideways by so much there, softened by blur."""
     x, y = (np.arange(0.0, size, 1.0 / FINE) + 0.5 / FINE - 0.5 for size in (400, 300))
     x, y = x[None], y[:, None]
@@ -25,7 +28,12 @@ def paint_mark(offset_px: tuple[float, float], bend_px: float = 0.0, noise: floa
     aside = (x - MIDDLE[0] - offset_px[0]) / (RADIUS * AXES_PX[0])
     along = (y - MIDDLE[1] - offset_px[1]) / (RADIUS * AXES_PX[1])
     fine = 90.0 + 60.0 * (on_line | (aside**2 + along**2 < 1.0))
-    soft = cv2.GaussianBlur(fine, (0, 0), BLUR_PX * FINE).reshape(300, FINE, 400, FINE).mean(axis=(1, 3))
+    return cv2.GaussianBlur(fine, (0, 0), BLUR_PX * FINE).reshape(300, FINE, 400, FINE).mean(axis=(1, 3))
+
+
+def paint_mark(offset_px: tuple[float, float], bend_px: float = 0.0, noise: float = 0.0, seed: int = 0) -> np.ndarray:
+    """The painted picture with noise."""
+    soft = paint_softly(offset_px, bend_px)
     return (soft + np.random.default_rng(seed).normal(0.0, noise, soft.shape)).astype(np.float32)
 
 

@@ -2,8 +2,12 @@
 
 import json
 
+from circlecal.evaluation.bench import batch
 
-def test_both_tables_and_memory_stays(run_circlecal):
+
+def test_both_tables_and_memory_stays(run_circlecal, monkeypatch):
+    monkeypatch.setattr(batch, "_PICTURES", 1)
+    monkeypatch.setattr(batch, "_WARM_UP_FRAMES", 2)
     outcome = run_circlecal("bench", "batch", "--count", 2, "--repeats", 1, "--tasks", 400, "--json")
     assert outcome.code == 0, outcome
     found = json.loads(outcome.out)

@@ -108,11 +108,13 @@ def test_plots_are_whole_and_reproducible(rows, tmp_path):
     pytest.importorskip("matplotlib")
     summaries = summarise(rows)
     first = simulation_plots.write_plots(summaries, tmp_path / "a")
-    second = simulation_plots.write_plots(summaries, tmp_path / "b")
+    one = [summary for summary in summaries if summary.scenario == "true_centre"]
+    second = simulation_plots.write_plots(one, tmp_path / "b")
     assert sorted(p.name for p in first) == [
         f"simulate_{name}.{kind}" for name in ("keypoints", "true_centre") for kind in ("png", "svg")
     ]
-    assert [p.read_bytes() for p in first] == [p.read_bytes() for p in second]
+    assert sorted(p.name for p in second) == ["simulate_true_centre.png", "simulate_true_centre.svg"]
+    assert all(p.read_bytes() == (tmp_path / "a" / p.name).read_bytes() for p in second)
     assert b"Cramer-Rao" in (tmp_path / "a" / "simulate_true_centre.svg").read_bytes() or first[0].stat().st_size > 9000
 
 
@@ -127,6 +129,7 @@ def test_solvers_without_an_answer_are_in_the_legend(rows, tmp_path):
     silent = [
         replace(s, q10_px=None, median_px=None, p90_px=None, failed=1.0) if s.solver == rows[0].solver else s
         for s in summarise(rows)
+        if s.scenario == "keypoints"
     ]
     drawn = [path for path in simulation_plots.write_plots(silent, tmp_path) if path.suffix == ".svg"]
     for path in drawn:
