@@ -10,6 +10,7 @@ import numpy as np
 from circlecal.camera.covariance import correlation_factor
 from circlecal.camera.problem import Problem, State, reweight
 from circlecal.camera.residuals import CurvePoints
+from circlecal.geometry.medians import median_of_rows
 from circlecal.geometry.projective import Array, Indices, Mask
 
 LARGEST_RESIDUAL = 6.0
@@ -133,7 +134,7 @@ def _lie_near(problem: Problem, off_px: Array, markings: list[Indices]) -> Mask:
     for ordered in markings:
         if len(ordered) >= 2 * NEIGHBOURS:
             beside = np.abs(off_px[ordered] - _running_median(off_px[ordered], NEIGHBOURS))
-            near_px = OFF_SIGMAS * 1.4826 * np.median(beside) + OFF_PX * problem.model.width / 1920.0
+            near_px = OFF_SIGMAS * 1.4826 * float(median_of_rows(beside)) + OFF_PX * problem.model.width / 1920.0
             kept[ordered] = beside < near_px
     return kept
 
@@ -153,4 +154,4 @@ def _along_markings(curves: CurvePoints, state: State) -> list[Indices]:
 
 def _running_median(values: Array, count: int) -> Array:
     padded = np.pad(values, count // 2, mode="reflect")
-    return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(padded, count), axis=-1))
+    return median_of_rows(np.lib.stride_tricks.sliding_window_view(padded, count).T)

@@ -10,6 +10,7 @@ from circlecal.camera.residuals import NOT_MOVED, CurvePoints, FixedPoints, circ
 from circlecal.field import FieldTemplate
 from circlecal.geometry.conic_fits import fit_conic
 from circlecal.geometry.ellipses import ellipse_from_conic
+from circlecal.geometry.medians import median_of_rows
 from circlecal.geometry.projective import Array, Indices, extent, fit_line
 from circlecal.observations import CirclePoints, Keypoint, LinePoints, MarkingKey, MarkPoint, Observations
 
@@ -142,7 +143,7 @@ def median_sigmas(observations: Observations) -> dict[MarkingKey, float]:
     """Median standard deviation in pixels that each observation itself states."""
     curves: tuple[CirclePoints | LinePoints, ...] = (*observations.circles, *observations.lines)
     points: tuple[MarkPoint | Keypoint, ...] = (*observations.marks, *observations.keypoints)
-    stated = {c.key: float(np.median(c.sigma_px)) for c in curves if c.key is not None and len(c.sigma_px)}
+    stated = {c.key: float(median_of_rows(c.sigma_px)) for c in curves if c.key is not None and len(c.sigma_px)}
     return stated | {p.key: p.sigma_px for p in points}
 
 

@@ -34,6 +34,7 @@ from circlecal.geometry.camera_parameters import (
     project,
 )
 from circlecal.geometry.homography import compass_label, scale_homography
+from circlecal.geometry.medians import median_of_rows
 from circlecal.geometry.projective import Array
 from circlecal.observations import MarkingKey
 from circlecal.results import CameraFit, DerivedPoint, FieldSize, HomographyRegion, OtherSize, PaintersFit
@@ -355,7 +356,7 @@ def _bulk(values: Array) -> Array:
     """Residuals (M,) of those given (N,) without the largest ones that stand apart, M at least 97 % of N."""
     off = np.abs(values)
     kept = np.argsort(off)[: len(off) - int(STRAY_SHARE * len(off))]
-    near = off <= STRAY_MEDIANS * np.median(off)
+    near = off <= STRAY_MEDIANS * float(median_of_rows(off))
     near[kept] = True
     return values[near]
 

@@ -13,6 +13,7 @@ from circlecal.detection.circle import CircleHypothesis, MeasuredCircle, measure
 from circlecal.detection.ellipse_batch import adjust_ellipses, ellipse_conic, unit_frame
 from circlecal.detection.options import ProfilesConfig
 from circlecal.geometry.conics import sampson_distance
+from circlecal.geometry.medians import median_of_rows
 from circlecal.geometry.projective import Array, join, lift, line_distance
 
 __all__ = ["GAPLESS_SHARE", "SAME_ARC", "find_longest_arc", "lie_near_conics", "move_onto_straight_arcs", "select_arcs"]
@@ -96,7 +97,7 @@ def select_arcs(
     conics = [] if circle is None else [circle.conic]
     kept: list[CircleHypothesis] = []
     for arc in sorted(arcs, key=order):
-        if all(np.median(np.abs(sampson_distance(conic, arc.points))) > SAME_ARC * width for conic in conics):
+        if all(median_of_rows(np.abs(sampson_distance(conic, arc.points))) > SAME_ARC * width for conic in conics):
             kept.append(arc)
             conics.append(arc.conic)
     return tuple(kept[:MOST_ARCS])
@@ -146,7 +147,7 @@ def move_onto_straight_arcs(
     beside = turn > SHORTEST_RAD
     conic, apart_px = ellipse_conic(circle.ellipse), APART_PX * gray.shape[1] / 1920.0
     for k in np.flatnonzero(beside):
-        beside[k] = np.median(np.abs(sampson_distance(conic, points[k]))) > apart_px
+        beside[k] = median_of_rows(np.abs(sampson_distance(conic, points[k]))) > apart_px
     if not beside.any():
         return circle
     own = lift(circle.curve.marking_points) @ to_unit.T

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from circlecal.detection.circle import LEAST_REACH_PX, MOST_PROFILES, SPACING_PX, MeasuredCircle
 from circlecal.detection.ellipse_batch import unit_frame
 from circlecal.detection.options import DetectorConfig, ProfilesConfig
+from circlecal.geometry.medians import median_of_rows
 from circlecal.geometry.projective import (
     Array,
     Mask,
@@ -196,7 +197,7 @@ def find_segments_through_middle(points: Array, normals: Array, circle: Measured
         line = fit_line(members)
         for tolerance in VOTE_TOLERANCES_PX:
             off = np.abs(line_distance(line, members))
-            line = fit_line(members, (off <= max(float(np.median(off)), tolerance)).astype(np.float64))
+            line = fit_line(members, (off <= max(float(median_of_rows(off)), tolerance)).astype(np.float64))
         along = members @ np.array([line[1], -line[0]])
         ends = members[[int(np.argmin(along)), int(np.argmax(along))]]
         found.append(ends - line_distance(line, ends)[:, None] * line[:2])
@@ -205,7 +206,7 @@ def find_segments_through_middle(points: Array, normals: Array, circle: Measured
 
 def _usual_contrast(curve: MeasuredCurve) -> float:
     """Usual contrast of what is drawn, gray levels."""
-    return float(np.median(curve.contrast[curve.supported])) if curve.supported.any() else 0.0
+    return float(median_of_rows(curve.contrast[curve.supported])) if curve.supported.any() else 0.0
 
 
 def _is_drawn(line: MeasuredLine) -> bool:

@@ -22,6 +22,7 @@ from circlecal.camera.problem import (
 from circlecal.estimation.completion import least_sigmas, widen_lens
 from circlecal.estimation.task import Sight, Task, is_dense
 from circlecal.geometry.camera_parameters import active_parameters
+from circlecal.geometry.medians import median_of_rows
 from circlecal.geometry.projective import Mask
 from circlecal.observations import MarkingKey
 
@@ -159,7 +160,7 @@ def find_contradicting_markings(task: Task, problem: Problem, state: State, sigh
     for group, key in enumerate(curves.keys):
         own = curves.group == group
         carrying = key.name in (task.template.halfway_line, task.circle.name)
-        far = np.median(off[own]) > WRONG_SIGMAS and np.median((off * curves.sigma_px)[own]) > least_px
+        far = median_of_rows(off[own]) > WRONG_SIGMAS and median_of_rows((off * curves.sigma_px)[own]) > least_px
         if far and not (carrying and sight.ellipse is not None):
             found.add(key)
     return sorted(found, key=str)

@@ -33,6 +33,7 @@ from circlecal.estimation.task import Fit, Task
 from circlecal.field import FieldTemplate
 from circlecal.geometry.camera_parameters import INDEX
 from circlecal.geometry.least_squares import StoppingRule
+from circlecal.geometry.medians import median_of_rows
 from circlecal.geometry.projective import Array
 
 DOUBTED_SHARE = 0.1
@@ -345,4 +346,4 @@ def _may_be_of_any_size(task: Task, usual: tuple[Task, Fit], answers: list[Answe
 def _length_of_view_px(points_px: Array) -> float:
     """Length over which a line is seen, pixels, by its points (N, 2) in order: without its gaps."""
     steps = np.linalg.norm(np.diff(points_px, axis=0), axis=1)
-    return float(np.median(steps)) * len(points_px)
+    return float(median_of_rows(steps)) * len(points_px)

@@ -22,7 +22,7 @@ from circlecal.camera.residuals import (
 )
 from circlecal.field import FieldTemplate, Line
 from circlecal.geometry.camera_parameters import INDEX, project
-from circlecal.geometry.projective import Array, fit_line, line_distance
+from circlecal.geometry.projective import Array, fit_line, line_distance, meet
 from circlecal.observations import LineEnd, LinePoints, Observations
 
 SIGMA_PX = 2.0
@@ -217,8 +217,8 @@ def find_passed_lines(
     Other sports' touchlines run along the field's own, nearer to its middle; players hide the end of the halfway line.
     """
     unit = observations.width / 1920.0
-    reach = PASSED_PX * unit
-    found = set()
+    reach, found = PASSED_PX * unit, set()
+    segments = [segment_ends(observations.lines[k].points_px) for k in unnamed]
     for seen in observations.lines:
         drawn = template.line_by_name.get(seen.line or "")
         if drawn is None or len(seen.points_px) < FEWEST_POINTS:
@@ -227,8 +227,7 @@ def find_passed_lines(
         names = [other.name for other in others if other is not None]
         for place, k in enumerate(unnamed) if names else ():
             points_px = observations.lines[k].points_px
-            is_end = _has_end_on(seen, points_px, unit)
-            if not is_end and _runs_on_beyond(seen.points_px, segment_ends(points_px), reach):
+            if _runs_on_beyond(seen.points_px, segments[place], reach) and not _has_end_on(seen, points_px, unit):
                 found |= {(place, name) for name in names}
     return frozenset(found)
 
@@ -252,7 +251,7 @@ def lies_short_of_end(points_px: Array, ends: Sequence[LineEnd], before_px: Arra
 def _runs_on_beyond(points: Array, segment: Array, reach_px: float) -> bool:
     """Whether points (N, 2) along a line go on for so far on both sides of where it meets a segment (2, 2)."""
     line, other = fit_line(points), fit_line(segment)
-    meeting = np.cross(line, other)
+    meeting = meet(line, other)
     if abs(meeting[2]) < LEAST_SINE:
         return False
     crossing = meeting[:2] / meeting[2]

@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from circlecal.geometry.medians import upper_median
 from circlecal.geometry.projective import Array
-from circlecal.paint.profiles import GrayPicture, Profiles, median, sample_profiles, smooth_along
+from circlecal.paint.profiles import GrayPicture, Profiles, sample_profiles, smooth_along
 
 __all__ = [
     "SIGMA_FLOOR_PX",
@@ -245,7 +246,7 @@ def look_like_one_marking(
         Half length of each profile.
     """
     # the mean size of normal noise is 0.8 standard deviations
-    noise = 1.25 * median(bands.texture[inside]) if inside.any() else 0.0
+    noise = 1.25 * upper_median(bands.texture[inside]) if inside.any() else 0.0
     supported = inside & (bands.contrast > max(LEAST_CONTRAST, MINIMUM_SNR * noise))
     supported &= np.abs(bands.step) <= LARGEST_STEP * bands.contrast + noise
     if len(offset_px) <= 2 * COHERENCE:
@@ -323,13 +324,13 @@ def measure_curve(
     height, width = picture.shape
     x, y = points[:, 0], points[:, 1]
     inside = (x >= 0) & (y >= 0) & (x <= width - 1) & (y <= height - 1)
-    half = max(LEAST_TAPS, int(np.ceil(median(reach_px) / TAP_PX)))
+    half = max(LEAST_TAPS, int(np.ceil(upper_median(reach_px) / TAP_PX)))
     tap_px = reach_px / half
     offsets = np.arange(-half, half + 1.0)
     profiles = sample_profiles(picture, points, normals * tap_px[:, None], offsets, repeat_border=True)
     profiles = sign * smooth_along(profiles, SMOOTHING_SAMPLES)
     if beside_px is not None:
-        taps = half / median(reach_px)
+        taps = half / upper_median(reach_px)
         profiles = stand_out(profiles, offsets, (beside_px[0] * taps, beside_px[1] * taps))
     bands = measure_bands(profiles, offsets, SEARCHED_SHARE * half)
     offset = bands.center * tap_px
@@ -403,7 +404,7 @@ def _have_usual_contrast(supported: NDArray[np.bool_], contrast: Array, pieces: 
     seen, owner = contrast[on], pieces[on]
     count = np.bincount(owner, minlength=int(pieces.max()) + 1)
     middle = np.minimum(np.cumsum(count) - count + count // 2, len(on) - 1)
-    overall = median(seen)
+    overall = upper_median(seen)
     # one sort serves all pieces: no contrast is as large as the step between them
     middles = np.sort(seen + 1024.0 * owner)[middle] - 1024.0 * np.arange(len(count))
     usual = np.where(count >= FEW, middles, overall)

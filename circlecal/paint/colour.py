@@ -7,6 +7,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from circlecal.geometry.medians import median_of_rows
 from circlecal.geometry.projective import Array
 from circlecal.paint.bands import MeasuredCurve
 
@@ -62,7 +63,7 @@ def _shares_beside(image_bgr: NDArray[np.uint8], segments: Array, farther_px1280
     places = _sample_segments(segments)
     beside = _colours_beside(image_bgr, *places, np.zeros(1), farther_px1280).reshape(len(segments), _SAMPLES, 2, -1, 3)
     colour = beside.mean(axis=-2) + 1.0  # of each sample and side
-    return np.asarray(np.median(colour / colour.sum(axis=-1, keepdims=True), axis=1))
+    return median_of_rows((colour / colour.sum(axis=-1, keepdims=True)).swapaxes(0, 1))
 
 
 def measure_paint_colour(image_bgr: NDArray[np.uint8], curve: MeasuredCurve) -> Array:
@@ -79,7 +80,7 @@ def measure_paint_colour(image_bgr: NDArray[np.uint8], curve: MeasuredCurve) -> 
         return np.zeros(3)
     on = on[:: max(1, len(on) // _ENOUGH)]
     middle, normals = curve.points[on] + curve.offset[on, None] * curve.normals[on], curve.normals[on]
-    return np.asarray(np.median(measure_added_colours(image_bgr, middle, normals, curve.width[on]), axis=0))
+    return median_of_rows(measure_added_colours(image_bgr, middle, normals, curve.width[on]))
 
 
 def segments_match_paint(image_bgr: NDArray[np.uint8], segments: Array, colour: Array) -> NDArray[np.bool_]:
@@ -128,7 +129,7 @@ def measure_added_colour(image_bgr: NDArray[np.uint8], points: Array, normals: A
     with normals (N, 2), or one (2,), beyond its width.
     """
     across = np.broadcast_to(normals, points.shape)
-    return np.asarray(np.median(measure_added_colours(image_bgr, points, across, np.full(1, width_px)), axis=0))
+    return median_of_rows(measure_added_colours(image_bgr, points, across, np.full(1, width_px)))
 
 
 def _colours_beside(

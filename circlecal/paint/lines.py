@@ -9,9 +9,10 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from circlecal.geometry.medians import median_of_rows
 from circlecal.geometry.projective import Array, line_distance
 from circlecal.paint.bands import measure_bands, rise_above_noise, stand_out
-from circlecal.paint.profiles import GrayPicture, median_of_rows, sample_profiles, smooth_along
+from circlecal.paint.profiles import GrayPicture, sample_profiles, smooth_along
 from circlecal.results import LineCue, Segment
 
 __all__ = ["ONE_ROUND", "TWO_ROUNDS", "WIDE_ROUND", "Rounds", "measure_lines"]

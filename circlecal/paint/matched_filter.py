@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.geometry.ellipses import Ellipse
+from circlecal.geometry.medians import median_of_rows, upper_median
 from circlecal.geometry.projective import Array
-from circlecal.paint.profiles import median, median_of_rows, sample_profiles
+from circlecal.paint.profiles import sample_profiles
 
 SECTORS, SAMPLES = 24, 30
 """Of the whole curve, and places in each."""
@@ -58,7 +59,7 @@ def measure_sectors(picture: NDArray[np.uint8], places: Array, widths: Array) ->
     shift = offsets[2 * TAPS : -2 * TAPS]
     inside = np.asarray(np.isfinite(response).all(axis=0), np.bool_)
     # shifts by a share of the paint's width say the same
-    usual = CLIPPED * median(np.abs(response[::TAPS, inside]).ravel()) if inside.any() else CLIPPED
+    usual = CLIPPED * upper_median(np.abs(response[::TAPS, inside]).ravel()) if inside.any() else CLIPPED
     response = np.minimum(np.maximum(response if inside.all() else np.where(inside, response, 0.0), -usual), usual)
     count = inside.reshape(SECTORS, SAMPLES).sum(axis=1)
     shown = 2 * count >= SAMPLES

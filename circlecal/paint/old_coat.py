@@ -8,7 +8,7 @@ all round, not place by place.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from circlecal.field import Circle, FieldTemplate
 from circlecal.field.view import FieldView
 from circlecal.geometry.least_squares import NormalState, StoppingRule, minimise
+from circlecal.geometry.medians import median_of_rows
 from circlecal.geometry.projective import Array
 from circlecal.paint.coat_bands import (
     REACH_M,
@@ -153,8 +154,8 @@ def sample_coats(picture: GrayPicture, view: FieldView, circle: Circle, template
     seen = np.isfinite(profiles).all(axis=(1, 2))
     if np.count_nonzero(seen) < FEWEST_SECTORS:
         return None
-    level = np.asarray(np.median(profiles[seen], axis=1), np.float64)
-    noise = 1.4826 / np.sqrt(2.0) * float(np.median(np.abs(np.diff(level, axis=1))))
+    level = median_of_rows(profiles[seen].swapaxes(0, 1))
+    noise = 1.4826 / np.sqrt(2.0) * float(median_of_rows(np.abs(np.diff(level, axis=1)).ravel()))
     at = np.flatnonzero(known)[seen]
     turn = (across[at] ** 2).mean(axis=1)
     return CoatProfiles(angle.mean(axis=1)[at], scale[at], reach[at, None] * share, level, turn, max(noise, 0.3))
@@ -170,12 +171,14 @@ def find_old_coats(profiles: CoatProfiles, width_m: float, may_be_alike: bool = 
     starts = _list_starts(joined, one, alone, may_be_alike)
     if len(starts) == 0:
         return ()
-    both = minimise(two, two.evaluate(starts), FIRST_RULE).state
+    rule = replace(FIRST_RULE, bar=_largest_cost(alone.cost[0], LEAST_FIRST_GAIN, joined))
+    both = minimise(two, two.evaluate(starts), rule).state
     if _gain(alone.cost[0], both.cost.min(), joined) < LEAST_FIRST_GAIN:
         return ()
     one, two = (CoatBands(profiles, width_m, has_old=has_old) for has_old in (False, True))
     alone = minimise(one, one.evaluate(alone.parameters), RULE).state
-    states = [minimise(two, two.evaluate(both.parameters[[np.argmin(both.cost)]]), RULE).state]
+    rule = replace(RULE, bar=_largest_cost(alone.cost[0], LEAST_GAIN, profiles))
+    states = [minimise(two, two.evaluate(both.parameters[[np.argmin(both.cost)]]), rule).state]
     if two.read(states[0].parameters).strength[0, 0] > ALIKE:
         states.append(minimise(two, two.evaluate(exchange_bands(states[0].parameters)), RULE).state)
     told = [_describe(two, it.parameters, profiles, _gain(alone.cost[0], it.cost[0], profiles)) for it in states]
@@ -202,6 +205,11 @@ def _list_starts(profiles: CoatProfiles, one: CoatBands, alone: NormalState, may
 def _gain(alone: float, both: float, profiles: CoatProfiles) -> float:
     """By how much a cost is lower than that of one band, in units of what is left per sample."""
     return float((alone - both) / max(both / profiles.level.size, 1e-12))
+
+
+def _largest_cost(alone: float, gain: float, profiles: CoatProfiles) -> float:
+    """The cost of two bands that are a gain over the cost of one: starts that promise none so low are given up."""
+    return alone / (1.0 + gain / profiles.level.size)
 
 
 def _describe(problem: CoatBands, parameters: Array, profiles: CoatProfiles, gain: float) -> OldCoat:

@@ -120,19 +120,3 @@ def estimate_noise(picture: GrayPicture, places: NDArray[np.int_] | None = None)
         rows = before + after - 2 * here
         values = np.abs(rows[0] - 2 * rows[1] + rows[2])
     return float(max(0.5, 1.4826 / 6 * np.median(values)))
-
-
-def median(values: NDArray[np.floating[Any]]) -> float:
-    """Upper median of some hundred values; ``np.median`` takes much longer over its checks than over the values."""
-    return float(np.partition(values, len(values) // 2)[len(values) // 2])
-
-
-def median_of_rows(rows: NDArray[np.floating[Any]]) -> Array:
-    """Medians (...) over the rows (K, ...) of numbers, as ``np.median`` has them, whose checks take longer than some
-    hundred rows.
-    """
-    half = len(rows) // 2
-    if len(rows) % 2:
-        return np.asarray(np.partition(rows, half, axis=0)[half])
-    ordered = np.partition(rows, (half - 1, half), axis=0)
-    return np.asarray(0.5 * (ordered[half - 1] + ordered[half]))

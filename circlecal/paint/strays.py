@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from circlecal.geometry.medians import median_of_rows
 from circlecal.geometry.projective import Array, Mask, line_distance
 from circlecal.results import LineCue
 
@@ -18,6 +19,8 @@ NEIGHBOURS, LEAST_SHARE = 11, 0.75
 """Of so many points in a row, the middle one among them, this share lies on the course where it is paint: behind the
 end of a line one of several that lie on a board is on the course by chance.
 """
+RIDGE = 1e-12
+"""Share of a point's weight that holds the parabola level, where all points lie at one place and tell no course."""
 ROUNDS = 5
 """So often the course is fitted anew with weights from the last one: of 21,000 points of real and rendered lines five
 rounds tell 54 otherwise than twelve do.
@@ -53,7 +56,7 @@ def lie_on_course(points_px: Array, line: Array, unit: float) -> Mask:
     along = points_px @ np.array([line[1], -line[0]])
     order = np.argsort(along)
     beside = np.abs(_distance_from_parabola(along, line_distance(line, points_px)))
-    near = (beside < STRAY_SIGMAS * 1.4826 * np.median(beside) + STRAY_PX * unit)[order]
+    near = (beside < STRAY_SIGMAS * 1.4826 * float(median_of_rows(beside)) + STRAY_PX * unit)[order]
     window = np.ones(NEIGHBOURS)
     share = np.convolve(near, window, "same") / np.convolve(np.ones(count), window, "same")
     kept = np.empty(count, np.bool_)
@@ -66,10 +69,11 @@ def _distance_from_parabola(along: Array, off: Array) -> Array:
     strays may lie anywhere along it.
     """
     t = (along - along.mean()) / max(float(np.ptp(along)), 1e-9)
-    basis, weight = np.stack([np.ones_like(t), t, t * t], axis=1), np.ones_like(t)
+    rows, weight = np.stack([np.ones_like(t), t, t * t]), np.ones_like(t)
+    held = RIDGE * len(t) * np.eye(3)
     beside = off
     for _ in range(ROUNDS):
-        course, *_ = np.linalg.lstsq(basis * weight[:, None], off * weight, rcond=None)
-        beside = off - basis @ course
-        weight = 1.0 / (1.0 + np.square(beside / max(1.4826 * float(np.median(np.abs(beside))), 1e-9)))
+        weighted = rows * (weight * weight)
+        beside = off - np.linalg.solve(weighted @ rows.T + held, weighted @ off) @ rows
+        weight = 1.0 / (1.0 + np.square(beside / max(1.4826 * float(median_of_rows(np.abs(beside))), 1e-9)))
     return beside

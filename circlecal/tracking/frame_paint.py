@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from circlecal.geometry.camera_parameters import ProjectionModel, project
+from circlecal.geometry.medians import median_of_rows
 from circlecal.geometry.projective import Array, Indices
-from circlecal.paint.profiles import median_of_rows
 from circlecal.tracking.markings import CLEAR_PX_M, SPACING_PX, DrawnTemplate, grow_places, rows_of
 from circlecal.tracking.seen_paint import FAINT_BIAS_PX, MeasuredFrame
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from circlecal.geometry.medians import median_of_rows
 from circlecal.geometry.projective import Array, Indices, Mask
-from circlecal.paint.profiles import median_of_rows
 from circlecal.rig.tripod import TripodEstimate
 from circlecal.tracking.frame_paint import add_by_part, number_parts, residuals_of, sigmas_of
 from circlecal.tracking.markings import DrawnTemplate

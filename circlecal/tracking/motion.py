@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from circlecal.geometry.medians import median_of_rows
 from circlecal.geometry.projective import Array
-from circlecal.paint.profiles import median_of_rows
 from circlecal.rig.tripod import TripodModel
 
 WIDTH_PX = 640

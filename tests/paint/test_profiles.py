@@ -7,7 +7,6 @@ import pytest
 from circlecal.paint.profiles import (
     estimate_noise,
     interpolate,
-    median_of_rows,
     sample_profiles,
     smooth_along,
     to_gray,
@@ -67,12 +66,6 @@ def test_noise_of_a_picture(noise):
     picture[:, 160:] += rng.normal(0, 30, (240, 160)).astype(np.float32)
     assert estimate_noise(picture, np.flatnonzero(left)) == pytest.approx(noise, rel=0.15)
     assert estimate_noise(np.full((50, 50), 7.0, np.float32)) == 0.5
-
-
-@pytest.mark.parametrize("shape", [(1,), (2,), (7,), (8, 3), (9, 2, 2)])
-def test_medians_are_those_of_numpy(shape):
-    rows = np.random.default_rng(1).normal(size=shape)
-    np.testing.assert_array_equal(median_of_rows(rows), np.median(rows, axis=0))
 
 
 def test_roughness_is_the_scatter_around_a_place_and_ends_at_the_border():
