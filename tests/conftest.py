@@ -119,21 +119,22 @@ def _logging_of_a_library() -> None:
     logger.handlers = []
 
 
-def _finish_frames(frames: Iterator[F], task: Task[F], workers: int, scheduler: str | None) -> Iterator[Finished]:
+def finish_here(frames: Iterator[F], task: Task[F], workers: int, scheduler: str | None) -> Iterator[Finished]:
+    """Stands in for the workers of a batch."""
     return (finish(task, frame) for frame in frames)
 
 
 @pytest.fixture
 def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Frames of a batch are finished here, one after the other: a worker takes longer to start than they do."""
-    monkeypatch.setattr(batch_run, "_finish_frames", _finish_frames)
+    monkeypatch.setattr(batch_run, "_finish_frames", finish_here)
 
 
 @pytest.fixture(scope="module")
 def module_in_this_process() -> Iterator[None]:
     """As ``in_this_process``, for fixtures that all tests of a module share."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(batch_run, "_finish_frames", _finish_frames)
+        patch.setattr(batch_run, "_finish_frames", finish_here)
         yield
 
 

@@ -72,16 +72,8 @@ class DaskCluster:
 
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DaskCluster]:
-    """One with two workers, which every test leaves as it found it."""
+    """One with two workers, which every test but the last one leaves as it found it."""
     started = DaskCluster(tmp_path_factory.mktemp("dask"), 2)
-    yield started
-    started.close()
-
-
-@pytest.fixture
-def own_cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DaskCluster]:
-    """One with a single worker, of which a test leaves nothing."""
-    started = DaskCluster(tmp_path_factory.mktemp("dask"), 1)
     yield started
     started.close()
 
@@ -102,37 +94,6 @@ def test_a_killed_worker_loses_nothing(cluster, tmp_path):
     cluster.add_worker()
     assert_every_frame_once(out, count)
     assert not [record for record in records(out) if record["code"] in ("worker_died", "internal_error")]
-
-
-def test_all_workers_lost_then_the_scheduler_lost_are_one_line_each_and_the_run_goes_on(
-    own_cluster, run_circlecal, tmp_path
-):
-    """One run, interrupted by both losses one after the other: nothing of it is lost or done twice."""
-    count, cluster = 40, own_cluster
-    frames, out = paint(tmp_path / "frames", count), tmp_path / "out"
-    command = cluster_command(cluster, frames, out)
-    impatient, script = [*command, "--set", "limits.server_seconds=2"], tmp_path / "killing.py"
-    wait_for(lambda: cluster.joined(1))
-    run = start_signalling(impatient, script, after=5, number=signal.SIGKILL, to=cluster.workers[0].pid)
-    _, errors = run.communicate(timeout=PATIENCE_S)
-    assert run.returncode == 2, errors
-    assert "all workers are lost" in only_error(errors)
-    first = len(records(out))
-    assert 5 <= first < count - 5
-
-    cluster.add_worker()
-    run = start_signalling(command, script, after=5, number=signal.SIGKILL, to=cluster.scheduler.pid)
-    _, errors = run.communicate(timeout=PATIENCE_S)
-    assert run.returncode == 2, errors
-    assert "run the same command again" in only_error(errors)
-    assert first + 5 <= len(records(out)) < count
-
-    address = cluster.address
-    cluster.open_at(address.rpartition(":")[2], workers=1)
-    assert cluster.address == address
-    again = run_circlecal(*command[command.index("batch") :])
-    assert again.code == 1, again
-    assert_every_frame_once(out, count)
 
 
 def only_error(errors: str) -> str:
@@ -236,3 +197,40 @@ def test_what_was_finished_and_lost_with_all_workers_is_not_waited_for(monkeypat
     patience = cluster_module._Patience(Alone(), "tcp://a:1", 0.0)
     with pytest.raises(InputError, match="all workers are lost"):
         cluster_module._result(Lost(), None, None, patience)
+
+
+def test_all_workers_lost_then_the_scheduler_lost_are_one_line_each_and_the_run_goes_on(
+    cluster, run_circlecal, tmp_path
+):
+    """One run, interrupted by both losses one after the other: nothing of it is lost or done twice. It comes last,
+    since little of the cluster is left.
+    """
+    count = 40
+    for worker in cluster.workers[1:]:
+        worker.kill()
+        worker.wait()
+    del cluster.workers[1:]
+    frames, out = paint(tmp_path / "frames", count), tmp_path / "out"
+    command = cluster_command(cluster, frames, out)
+    impatient, script = [*command, "--set", "limits.server_seconds=2"], tmp_path / "killing.py"
+    run = start_signalling(impatient, script, after=5, number=signal.SIGKILL, to=cluster.workers[0].pid)
+    _, errors = run.communicate(timeout=PATIENCE_S)
+    assert run.returncode == 2, errors
+    assert "all workers are lost" in only_error(errors)
+    cluster.workers.clear()
+    first = len(records(out))
+    assert 5 <= first < count - 5
+
+    cluster.add_worker()
+    run = start_signalling(command, script, after=5, number=signal.SIGKILL, to=cluster.scheduler.pid)
+    _, errors = run.communicate(timeout=PATIENCE_S)
+    assert run.returncode == 2, errors
+    assert "run the same command again" in only_error(errors)
+    assert first + 5 <= len(records(out)) < count
+
+    address = cluster.address
+    cluster.open_at(address.rpartition(":")[2], workers=1)
+    assert cluster.address == address
+    again = run_circlecal(*command[command.index("batch") :])
+    assert again.code == 1, again
+    assert_every_frame_once(out, count)

@@ -62,7 +62,7 @@ def test_all_kinds_of_frames_resume_and_restart(run_circlecal, frame_file, blank
     assert "another configuration" in other.err
     assert "--restart" in other.err
     assert (out / RESULTS_NAME).read_bytes() == before
-    restarted = run_circlecal("batch", folder, "--out", out, "--workers", 2, "--seed", 9, "--restart", "--quiet")
+    restarted = run_circlecal("batch", folder, "--out", out, "--workers", 1, "--seed", 9, "--restart", "--quiet")
     assert (restarted.code, restarted.out, restarted.err) == (1, "", "")
     assert {r["seed"] for r in records(out)} == {9}
 

@@ -4,7 +4,10 @@ import json
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from circlecal.cli.app import app
+from circlecal.evaluation.bench import accuracy
 from circlecal.evaluation.bench.accuracy import as_records, closed_forms, run_rows
 from circlecal.evaluation.bench.bounds import bound_covariance, bound_errors
 from circlecal.evaluation.bench.scenarios import KNOWN, row_names, scenarios, select_rows, soccer
@@ -35,10 +38,35 @@ def bound_px(count, sigma=0.5, edges=("outer", "inner"), config=KNOWN):
 
 
 @pytest.fixture(scope="module")
-def table():
-    started = []
-    rows, closed = run_rows(["1", "6", "9a"], 3, seed=0, advance=started.append)
-    return rows, closed, started
+def command():
+    """What ``circlecal bench accuracy`` finds, for which draws, and prints."""
+    found, started = [], []
+
+    def run(names, draws, seed, advance):
+        def count(row):
+            started.append(row)
+            advance(row)
+
+        found.extend(run_rows(names, draws, seed, count))
+        return found
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(accuracy, "run_rows", run)
+        ended = CliRunner().invoke(app, ["bench", "accuracy", "--rows", "1,6,9a", "--draws", "3"])
+    assert ended.exit_code == 0, ended.output
+    return *found, started, ended.stdout
+
+
+@pytest.fixture(scope="module")
+def table(command):
+    return command[:3]
+
+
+def test_the_command_prints_every_row(command):
+    rows, closed, _, told = command
+    for row in rows:
+        assert f"{row.median_px:.2f} ({row.p90_px:.2f})" in told
+    assert all(f"{value:.3g}" in told for _, value in closed)
 
 
 def test_rows_are_finite_and_complete(table):

@@ -7,6 +7,7 @@ import pytest
 
 from circlecal.config import Config, load_config
 from circlecal.errors import ConfigError
+from circlecal.evaluation.bench import detect
 from circlecal.evaluation.bench.detect import PROFILES, compare, profile_config, run_profiles
 from circlecal.pipeline import run
 from circlecal.synthetic.sampling import render_frame
@@ -17,9 +18,22 @@ def test_unknown_profiles_are_named():
         run_profiles(["moon"], 1, 0)
 
 
-def test_two_profiles():
-    finished = []
-    easy, negative = run_profiles(["easy", "negative"], 1, 0, finished.append)
+def test_two_profiles(run_circlecal, monkeypatch):
+    finished, found = [], []
+
+    def keep(names, count, seed, advance, width):
+        def note(profile):
+            finished.append(profile)
+            advance(profile)
+
+        found.extend(run_profiles(names, count, seed, note, width))
+        return found
+
+    monkeypatch.setattr(detect, "run_profiles", keep)
+    outcome = run_circlecal("bench", "detect", "--count", 1, "--profiles", "easy,negative")
+    assert outcome.code == 0, outcome.err
+    easy, negative = found
+    assert f"{easy.median_px:.2f}" in outcome.out and "negative" in outcome.out
     assert finished == ["easy", "negative"]
     assert (easy.profile, easy.frames, easy.calibrated, easy.good, easy.wrong) == ("easy", 1, 1.0, 1.0, 0.0)
     assert 0 < easy.median_px == easy.p90_px < 5.0
