@@ -149,6 +149,8 @@ def _local_cluster(scheduler: str, stack: contextlib.ExitStack) -> Any:
             n_workers=int(count[1]),
             threads_per_worker=1,
             dashboard_address=None,
+            # without one its page about health asks for Dask's usual port, and says so where another run has that
+            scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
             silence_logs=logging.CRITICAL,
             local_directory=scratch,
             host="127.0.0.1",
