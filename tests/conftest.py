@@ -28,6 +28,19 @@ settings.register_profile(
 settings.load_profile("circlecal")
 
 FRAME_SIZE = (960, 540)
+LONGEST = ("golden/", "workbench/test_browser", "batch/", "tracking/", "rig/", "test_recipes", "evaluation/", "fuzz/")
+"""What takes longest is begun first, so that several workers end at about one time: a file is run by one of them."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the longest first, and leave the others in their order."""
+    places = {name: place for place, name in enumerate(LONGEST)}
+
+    def place_of(item: pytest.Item) -> int:
+        file = item.nodeid.removeprefix("tests/")
+        return next((place for name, place in places.items() if file.startswith(name)), len(places))
+
+    items.sort(key=place_of)
 
 
 class Outcome(NamedTuple):

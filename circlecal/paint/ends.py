@@ -52,7 +52,7 @@ def paint_ends(
     Parameters
     ----------
     picture : (H, W) uint8 or float32
-        GrayPicture, with the markings lighter than the field.
+        Brightness, with the markings lighter than the field.
     points_px : (N, 2) array
         Points along its middle; they may run on over something else.
     middle_px : (2,) array

@@ -73,7 +73,7 @@ def measure_lines(
     Parameters
     ----------
     picture : (H, W) uint8 or float32
-        GrayPicture, with the markings lighter than the field.
+        Brightness, with the markings lighter than the field.
     segments : sequence of Segment
         K rough markings.
     noise : float

@@ -13,6 +13,7 @@ from circlecal.camera.report import weigh_painters
 from circlecal.errors import EstimationError
 from circlecal.geometry.projective import Array
 from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations
+from circlecal.paint.other_paints import are_painted_otherwise, leave_out_other_paints
 from circlecal.pipeline.setting import Scene, Setting, lighten_markings
 from circlecal.refusals import Confidence, refuse
 from circlecal.results import (
@@ -30,7 +31,7 @@ from circlecal.solvers import solve_by_name
 from circlecal.stages.camera import estimate_camera
 from circlecal.stages.confirm import are_others_painted, is_circle_painted, look_for_markings
 from circlecal.stages.correspondences import derive_correspondences, is_turned, turn_correspondences
-from circlecal.stages.cues import are_painted_otherwise, cues_from_observations, find_cues, leave_out_other_paints
+from circlecal.stages.cues import cues_from_observations, find_cues
 from circlecal.stages.edges import detect_edges
 from circlecal.stages.ellipse import fit_ellipses, fit_observations
 from circlecal.stages.evidence import measure_evidence

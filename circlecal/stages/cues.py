@@ -15,19 +15,15 @@ from circlecal.geometry.conics import line_conic_meet, pole
 from circlecal.geometry.projective import Array, dehomogenise, fit_line, join, lift, line_distance
 from circlecal.observations import CircleEdge, LineEnd, LinePoints, Observations
 from circlecal.paint.centre_mark import find_centre_mark, half_chords
-from circlecal.paint.colour import match_paint, measure_added_colour
 from circlecal.paint.ends import paint_ends
-from circlecal.paint.lines import ONE_ROUND, TWO_ROUNDS, WIDE_ROUND, measure_lines
+from circlecal.paint.following import clip_segment, follow_line, widths_at
+from circlecal.paint.lines import ONE_ROUND, TWO_ROUNDS, measure_lines
 from circlecal.paint.profiles import GrayPicture
 from circlecal.paint.strays import keep_on_course
 from circlecal.results import Cues, EllipseFit, EllipseFits, LineCue, MarkCue, MarkingMask, Segment
 
-MOST_PIECES = 12
-"""Pieces by which the halfway line is followed on each side of the circle: more than a picture holds."""
 SHORT_ARC_DEG, SHORT_ARC_SPARE = 240.0, 0.25
 """Arcs shorter than this leave the place of the centre mark more open, by up to so many half chords."""
-PIECE_SUPPORT = 0.35
-"""Least share of a piece of the halfway line outside the circle on which it is seen."""
 COVERED_SHARE = 0.67
 """Of the least support: enough where the line goes on outside the circle, whose middle a sign may cover."""
 RIM_CLEARANCE_PX = 8.0
@@ -38,26 +34,8 @@ SURFACE_MARGIN = 0.02
 """Picture widths beyond the playing surface within which the halfway line may still be followed."""
 END_CLEARANCE_PX = 2.0
 """Points so far behind the marking at which the halfway line ends are something else, pixels at 1920 px width."""
-LARGEST_GAP = 0.2
-"""Pieces of a straight marking lie no further apart than this share of the half chord; it ends at the touchline."""
-WIDEST = 1.6
-"""What is so many times as wide as the marking inside the circle lets one expect is another thing."""
 CHORD_AT = 0.6
 """Half chords from the middle at which the halfway line's width is predicted."""
-AHEAD_PX, LARGEST_SHIFT_PX = 250.0, 2.0
-"""How far ahead the pieces of a straight marking are measured together, and how far off, where the line turns, a piece
-may have been looked for; pixels at 1920 px width.
-"""
-LARGEST_BEND = 0.03
-"""Sine of the angle between neighbouring pieces of a straight marking: lens and crown bend it less than that."""
-
-SAME_LINE_PX = 6.0
-"""So near to a measured line lie both ends of the rough one that it was measured along, pixels at 1920 px width."""
-HALO_PX, BESIDE_PX, HALO_SHARE = 4, 8, 1.0 / 3.0
-"""A sharpened picture has a dark halo beside a light line: within the first so many pixels at 1280 px width lies paint
-of the opposite sign, and the halo has at most this share of its contrast. Beyond the second the surface lies bare. In a
-rendered hall the halo of a white line has 0.10 of it; a black line and a white one side by side have about 0.9.
-"""
 
 
 class CuesConfig(BaseModel):
@@ -105,7 +83,7 @@ def find_cues(
     Parameters
     ----------
     picture : (H, W) uint8 or float32
-        GrayPicture, with the markings lighter than the field (:func:`circlecal.paint.profiles.to_gray`).
+        Brightness, with the markings lighter than the field (:func:`circlecal.paint.profiles.to_gray`).
     mask : MarkingMask
         Gives the rough lines.
     ellipses : EllipseFits
@@ -138,7 +116,7 @@ def find_cues(
     segments = (*further, *(() if near is None else (near,)))
     widths = np.zeros((len(segments), 2))
     if near is not None:
-        widths[-1:] = _widths_at(growth, [near])
+        widths[-1:] = widths_at(growth, [near])
     measured = measure_lines(picture, segments, noise, config.search_px, config.spacing_px, rounds, widths)
     halfway, lines = None, [line for line in measured if line is not None]
     if chord is not None and near is not None:
@@ -150,7 +128,7 @@ def find_cues(
         if halfway is None and rough is not None and near is not rough:
             # the paint inside the circle may be worn off: all of the line counts then
             (first,) = measure_lines(
-                picture, (rough,), noise, config.search_px, config.spacing_px, rounds, _widths_at(growth, [rough])
+                picture, (rough,), noise, config.search_px, config.spacing_px, rounds, widths_at(growth, [rough])
             )
             pieces, others = _its_pieces(first, measured, unit)
             halfway = _halfway_line(picture, first, pieces, None, growth, noise, name, surface, config)
@@ -159,79 +137,6 @@ def find_cues(
     if config.centre_mark and halfway is not None and "centre_mark" in template.mark_by_name:
         mark = _centre_mark(picture, halfway, fit, template, blur_px, config)
     return Cues(halfway=halfway, mark=mark, lines=tuple(keep_on_course(line, unit) for line in lines))
-
-
-def leave_out_other_paints(image: NDArray[np.uint8], cues: Cues, ellipses: EllipseFits, band_px: float | None) -> Cues:
-    """The cues without further lines of another colour than the circle's paint: those of another sport on the same
-    floor, streaks of light beside them, and their halos. Lines too faint to tell are kept.
-
-    The detector has compared the colours along rough segments, which miss paint of a pixel or two; the measured points
-    do not.
-
-    Parameters
-    ----------
-    image : (H, W, 3) uint8
-        BGR picture.
-    cues : Cues
-        What was measured.
-    ellipses : EllipseFits
-        With the middle of the circle's paint, without which nothing is compared.
-    band_px : float or None
-        Width of the circle's paint where it is widest, pixels.
-    """
-    fit = ellipses.center
-    if fit is None or not cues.lines:
-        return cues
-    points = fit.points_px[fit.inliers]
-    normals = fit.ellipse.normals(fit.ellipse.parameter(points))
-    colour = measure_added_colour(image, points, normals, band_px or 0.0)
-    kept = tuple(
-        line
-        for line in cues.lines
-        if match_paint(measure_added_colour(image, line.points_px, _normal_of(line), line.width_px), colour)
-        and not _is_halo(image, line, colour)
-    )
-    return replace(cues, lines=kept)
-
-
-def are_painted_otherwise(
-    image: NDArray[np.uint8], segments: Sequence[Segment], cues: Cues, ellipses: EllipseFits, band_px: float | None
-) -> NDArray[np.bool_]:
-    """Which straight lines (S,) were measured to be in another colour than the circle's paint, as
-    :func:`leave_out_other_paints` takes them; that looks at those alone that run along one of the segments.
-    """
-    near_px = SAME_LINE_PX * image.shape[1] / 1920.0
-    ends = np.array([(segment.start, segment.end) for segment in segments]).reshape(-1, 2, 2)
-    off = [np.abs(line_distance(line.line, ends)).max(axis=1) < near_px for line in cues.lines]
-    asked = [(line, along) for line, along in zip(cues.lines, off, strict=True) if along.any()]
-    lines = tuple(line for line, _ in asked)
-    kept = leave_out_other_paints(image, replace(cues, lines=lines), ellipses, band_px).lines
-    found = np.zeros(len(segments), np.bool_)
-    for line, along in asked:
-        if all(line is not other for other in kept):
-            found |= along
-    return found
-
-
-def _is_halo(image: NDArray[np.uint8], line: LineCue, colour: Array) -> bool:
-    """Whether a line that looks like paint of a colour (3,) is what sharpening left beside paint of the opposite sign:
-    by the picture across the line, the median over its points, along that colour.
-    """
-    scale = max(1.0, image.shape[1] / 1280.0)
-    away_px = np.arange(-BESIDE_PX, BESIDE_PX + 1)
-    places = line.points_px[:, None] + scale * away_px[:, None] * _normal_of(line)
-    x, y = np.clip(np.rint(places), 0, (image.shape[1] - 1, image.shape[0] - 1)).astype(np.int64).transpose(2, 0, 1)
-    profile = np.median(image[y, x] @ (colour / max(float(np.linalg.norm(colour)), 1e-9)), axis=0)
-    profile -= np.median(profile)
-    own, opposite = (
-        float(values[np.abs(away_px) <= reach].max()) for values, reach in ((profile, 1), (-profile, HALO_PX))
-    )
-    return own < HALO_SHARE * opposite
-
-
-def _normal_of(line: LineCue) -> Array:
-    """Unit vector (2,) across a line."""
-    return np.asarray(line.line[:2] / np.hypot(*line.line[:2]))
 
 
 def cues_from_observations(observations: Observations, template: FieldTemplate, circle: Circle) -> Cues:
@@ -260,7 +165,7 @@ def _line_cue(seen: LinePoints) -> LineCue:
 def _beyond(chord: Array, half_chords: float, shape: tuple[int, ...]) -> Segment | None:
     """The part in the picture of a chord's line, so many half chords to both sides of the chord's middle."""
     middle, half = 0.5 * (chord[0] + chord[1]), 0.5 * (chord[1] - chord[0])
-    inside = _clip(middle - half_chords * half, middle + half_chords * half, shape[1], shape[0])
+    inside = clip_segment(middle - half_chords * half, middle + half_chords * half, shape[1], shape[0])
     return None if inside is None else Segment(*inside)
 
 
@@ -284,7 +189,7 @@ def _halfway_line(
     visible, support = None, cue.segment.support
     if chord is not None:
         at, along = _middle_and_half(*chord)
-        visible = _clip(at - along, at + along, picture.shape[1], picture.shape[0])
+        visible = clip_segment(at - along, at + along, picture.shape[1], picture.shape[0])
     if visible is not None:
         middle, half = at, along
         inside = np.abs((cue.points_px - middle) @ half / (half @ half)) < 1.0
@@ -293,7 +198,7 @@ def _halfway_line(
     reach = float(np.linalg.norm(half))
     if support < COVERED_SHARE * config.minimum_support:
         return None
-    further = _follow(picture, cue, reach, growth, noise, config)
+    further = follow_line(picture, cue, reach, growth, noise, config.search_px, config.spacing_px)
     if support < config.minimum_support and not further:
         return None
     for piece in pieces:
@@ -392,73 +297,6 @@ def _find_before_crossing(points: Array, middle: Array, ends: Sequence[LineEnd],
     return kept
 
 
-def _follow(
-    picture: GrayPicture, near: LineCue, step_px: float, growth: Array, noise: float, config: CuesConfig
-) -> list[LineCue]:
-    """Pieces of a straight marking beyond its measured part, each expected where those before point to.
-
-    Lens and crown bend the line, so the pieces follow it; the first that is not clearly there ends the search on its
-    side. Over a short way it is straight enough to measure all pieces on it together.
-    """
-    unit = picture.shape[1] / 1920.0
-    together = max(1, round(AHEAD_PX * unit / step_px))
-    # paint may be wider than the template says, and blur adds to it
-    usual = float(_widths_at(growth, [near.segment]).mean())
-    growth = growth * max(1.0, near.width_px / max(usual, 1e-9))
-    found: list[LineCue] = []
-    sides = [(near.segment.start, near.segment.end), (near.segment.end, near.segment.start)]
-    for _ in range(-(-MOST_PIECES // together)):
-        ahead = [_pieces_ahead(*side, step_px, together, picture.shape) for side in sides]
-        rough = [piece for pieces in ahead for piece in pieces]
-        if not rough:
-            break
-        widths = _widths_at(growth, rough)
-        measured = measure_lines(picture, rough, noise, config.search_px, config.spacing_px, WIDE_ROUND, widths)
-        widest = WIDEST * np.maximum(widths.max(axis=1), near.width_px / WIDEST)
-        seen = iter(zip(rough, measured, widest.tolist(), strict=True))
-        reached = []
-        for side, pieces in zip(sides, ahead, strict=True):
-            kept, end = _advance(*side, [next(seen) for _ in pieces], step_px, LARGEST_SHIFT_PX * unit)
-            found += kept
-            reached += [] if end is None else [end]
-        sides = reached
-    return found
-
-
-def _pieces_ahead(start: Array, end: Array, step_px: float, most: int, shape: tuple[int, ...]) -> list[Segment]:
-    """Pieces in the picture of the line from ``start`` beyond ``end``."""
-    direction = (end - start) / np.hypot(*(end - start))
-    pieces = []
-    for k in range(most):
-        ahead = _clip(end + (1.0 + k * step_px) * direction, end + (k + 1) * step_px * direction, shape[1], shape[0])
-        if ahead is None or np.hypot(*(ahead[1] - ahead[0])) < 0.25 * step_px:
-            break
-        pieces.append(Segment(*ahead))
-    return pieces
-
-
-def _advance(
-    start: Array, end: Array, pieces: list[tuple[Segment, LineCue | None, float]], step_px: float, shift_px: float
-) -> tuple[list[LineCue], tuple[Array, Array] | None]:
-    """The pieces that go on from the line from ``start`` to ``end``, each with where it was looked for and how wide it
-    may be; and the last two ends, or None where the line is seen no further.
-    """
-    kept: list[LineCue] = []
-    for rough, piece, widest_px in pieces:
-        direction = (end - start) / np.hypot(*(end - start))
-        across = np.array([-direction[1], direction[0]])
-        if abs(float(across @ (rough.end - end))) > shift_px:
-            return kept, (start, end)
-        if piece is None or piece.segment.support < PIECE_SUPPORT or piece.width_px > widest_px:
-            return kept, None
-        ahead_px = (piece.points_px - end) @ direction
-        if abs(float(piece.line[:2] @ direction)) > LARGEST_BEND or ahead_px.min() > LARGEST_GAP * step_px:
-            return kept, None
-        kept.append(piece)
-        start, end = end, piece.points_px[np.argmax(ahead_px)]
-    return kept, (start, end) if pieces else None
-
-
 def _paint_width(conic: Array, chord: Array, template: FieldTemplate, edge: CircleEdge) -> Array:
     """How wide the halfway line's paint is in the picture, to first order: coefficients (3,) of x, y and 1, px.
 
@@ -478,30 +316,9 @@ def _paint_width(conic: Array, chord: Array, template: FieldTemplate, edge: Circ
     return np.append(along, 0.5 * (near + far) - along @ middle)
 
 
-def _widths_at(growth: Array, segments: Sequence[Segment]) -> Array:
-    """Expected width (K, 2) of the paint at both ends, px."""
-    return np.maximum(lift([(segment.start, segment.end) for segment in segments]) @ growth, 0.0)
-
-
 def _chord(conic: Array, line: Array) -> Array | None:
     meets = line_conic_meet(conic, line)
     return None if meets is None else dehomogenise(meets)
-
-
-def _clip(start: Array, end: Array, width: int, height: int, margin: float = 2.0) -> tuple[Array, Array] | None:
-    """The part of a segment inside the picture, or None."""
-    first, last = 0.0, 1.0
-    for at, step, size in zip(start.tolist(), (end - start).tolist(), (width, height), strict=True):
-        low, high = margin - at, size - 1 - margin - at
-        if step == 0:
-            if not low <= 0 <= high:
-                return None
-        else:
-            enter, leave = sorted((low / step, high / step))
-            first, last = max(first, enter), min(last, leave)
-    if not first < last:
-        return None
-    return start + first * (end - start), start + last * (end - start)
 
 
 def _centre_mark(

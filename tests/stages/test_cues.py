@@ -11,15 +11,10 @@ from circlecal.geometry.projective import line_distance
 from circlecal.observations import Keypoint, LinePoints, MarkPoint, Observations
 from circlecal.paint.centre_mark import _bare_sides, _Rectified
 from circlecal.paint.lines import measure_lines
+from circlecal.paint.other_paints import are_painted_otherwise, leave_out_other_paints
 from circlecal.paint.profiles import to_gray
 from circlecal.results import Cues, EllipseFits, LineCue, Segment
-from circlecal.stages.cues import (
-    CuesConfig,
-    are_painted_otherwise,
-    cues_from_observations,
-    find_cues,
-    leave_out_other_paints,
-)
+from circlecal.stages.cues import CuesConfig, cues_from_observations, find_cues
 
 from .conftest import CIRCLE, SOCCER, fit_of, line_cue, paint, view
 

@@ -195,7 +195,7 @@ def test_one_bad_clip_does_not_stop_the_others(tmp_path, engine):
 
 def test_the_results_of_several_processes_are_those_of_one(tmp_path):
     """With the real engine on clips that show nothing, since other processes know no scripted one."""
-    videos = [open_clip(tmp_path, name, 6) for name in ("first", "second")]
+    videos = [open_clip(tmp_path, name, 2) for name in ("first", "second")]
     run_track(videos, clip_run(), tmp_path / "one")
     run_track(videos, clip_run(), tmp_path / "two", workers=2)
     assert lines(tmp_path / "one") == lines(tmp_path / "two")

@@ -1,0 +1,96 @@
+"""Straight markings in another colour than the circle's: lines of another sport, streaks of light and halos."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.geometry.projective import Array, line_distance
+from circlecal.paint.colour import match_paint, measure_added_colour
+from circlecal.results import Cues, EllipseFits, LineCue, Segment
+
+__all__ = ["are_painted_otherwise", "leave_out_other_paints"]
+
+SAME_LINE_PX = 6.0
+"""So near to a measured line lie both ends of the rough one that it was measured along, pixels at 1920 px width."""
+HALO_PX, BESIDE_PX, HALO_SHARE = 4, 8, 1.0 / 3.0
+"""A sharpened picture has a dark halo beside a light line: within the first so many pixels at 1280 px width lies paint
+of the opposite sign, and the halo has at most this share of its contrast. Beyond the second the surface lies bare. In a
+rendered hall the halo of a white line has 0.10 of it; a black line and a white one side by side have about 0.9.
+"""
+
+
+def leave_out_other_paints(image: NDArray[np.uint8], cues: Cues, ellipses: EllipseFits, band_px: float | None) -> Cues:
+    """The cues without further lines of another colour than the circle's paint: those of another sport on the same
+    floor, streaks of light beside them, and their halos. Lines too faint to tell are kept.
+
+    The detector has compared the colours along rough segments, which miss paint of a pixel or two; the measured points
+    do not.
+
+    Parameters
+    ----------
+    image : (H, W, 3) uint8
+        BGR picture.
+    cues : Cues
+        What was measured.
+    ellipses : EllipseFits
+        With the middle of the circle's paint, without which nothing is compared.
+    band_px : float or None
+        Width of the circle's paint where it is widest, pixels.
+    """
+    fit = ellipses.center
+    if fit is None or not cues.lines:
+        return cues
+    points = fit.points_px[fit.inliers]
+    normals = fit.ellipse.normals(fit.ellipse.parameter(points))
+    colour = measure_added_colour(image, points, normals, band_px or 0.0)
+    kept = tuple(
+        line
+        for line in cues.lines
+        if match_paint(measure_added_colour(image, line.points_px, _normal_of(line), line.width_px), colour)
+        and not _is_halo(image, line, colour)
+    )
+    return replace(cues, lines=kept)
+
+
+def are_painted_otherwise(
+    image: NDArray[np.uint8], segments: Sequence[Segment], cues: Cues, ellipses: EllipseFits, band_px: float | None
+) -> NDArray[np.bool_]:
+    """Which straight lines (S,) were measured to be in another colour than the circle's paint, as
+    :func:`leave_out_other_paints` takes them; that looks at those alone that run along one of the segments.
+    """
+    near_px = SAME_LINE_PX * image.shape[1] / 1920.0
+    ends = np.array([(segment.start, segment.end) for segment in segments]).reshape(-1, 2, 2)
+    off = [np.abs(line_distance(line.line, ends)).max(axis=1) < near_px for line in cues.lines]
+    asked = [(line, along) for line, along in zip(cues.lines, off, strict=True) if along.any()]
+    lines = tuple(line for line, _ in asked)
+    kept = leave_out_other_paints(image, replace(cues, lines=lines), ellipses, band_px).lines
+    found = np.zeros(len(segments), np.bool_)
+    for line, along in asked:
+        if all(line is not other for other in kept):
+            found |= along
+    return found
+
+
+def _is_halo(image: NDArray[np.uint8], line: LineCue, colour: Array) -> bool:
+    """Whether a line that looks like paint of a colour (3,) is what sharpening left beside paint of the opposite sign:
+    by the picture across the line, the median over its points, along that colour.
+    """
+    scale = max(1.0, image.shape[1] / 1280.0)
+    away_px = np.arange(-BESIDE_PX, BESIDE_PX + 1)
+    places = line.points_px[:, None] + scale * away_px[:, None] * _normal_of(line)
+    x, y = np.clip(np.rint(places), 0, (image.shape[1] - 1, image.shape[0] - 1)).astype(np.int64).transpose(2, 0, 1)
+    profile = np.median(image[y, x] @ (colour / max(float(np.linalg.norm(colour)), 1e-9)), axis=0)
+    profile -= np.median(profile)
+    own, opposite = (
+        float(values[np.abs(away_px) <= reach].max()) for values, reach in ((profile, 1), (-profile, HALO_PX))
+    )
+    return own < HALO_SHARE * opposite
+
+
+def _normal_of(line: LineCue) -> Array:
+    """Unit vector (2,) across a line."""
+    return np.asarray(line.line[:2] / np.hypot(*line.line[:2]))
