@@ -69,7 +69,7 @@ def calibrate(
         What is known of the picture already, as for :func:`calibrate_points` but in one mapping, or a file of
         annotations or keypoints.
     id : str, optional
-        Name of the frame; with the seed it fixes the random draws. The file's stem, or ``"image"``.
+        Name of the frame, which changes no answer. The file's stem, or ``"image"``.
 
     Returns
     -------

@@ -1,8 +1,8 @@
 """Networks in ONNX format: loading them, running them, and class masks in the place of the built-in detector.
 
 No weights come with circlecal and none are fetched. Any network of the layouts described in ``configs/networks`` runs
-on onnxruntime (extra ``onnx``); one session per model is kept for all frames of a run. Keypoints from heat
-maps are in :mod:`circlecal.detection.keypoints`.
+on onnxruntime (extra ``onnx``); one session per model is kept for all frames of a run. Keypoints from heat maps are in
+:mod:`circlecal.detection.keypoints`.
 """
 
 from __future__ import annotations

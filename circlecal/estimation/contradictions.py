@@ -51,8 +51,6 @@ LEAST_SINGULAR = 1e-3
 
 WRONG_SIGMAS, WRONG_PX = 10.0, 10.0
 """A named line or arc whose points mostly lie further off, in both measures (pixels at 1920 px width), is not that."""
-
-
 LEAVE_ONE_OUT_SIGMAS = 4.75
 """A marking that lies where all others put it less likely than a normal error of so many standard deviations (once in
 a million, one way) is not what it was taken for. Of 190 further markings in 43 real frames the least likely one

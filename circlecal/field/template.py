@@ -1,8 +1,8 @@
 """Field template: circles, arcs, lines and marks with their sizes, read from a YAML file of ``configs/fields``.
 
-A template gives sizes the way the rules of its sport do, that is, to an edge of the paint; what the pictures show
-best is the centreline
-of the paint, so every element derives its centreline from the edge that its size refers to and the marking width.
+A template gives sizes the way the rules of its sport do, that is, to an edge of the paint; what the pictures show best
+is the centreline of the paint, so every element derives its centreline from the edge that its size refers to and the
+marking width.
 """
 
 from __future__ import annotations
@@ -93,8 +93,6 @@ Edge = Literal["outer", "inner", "center"]
 
 NODES = 65
 """Points along each marking of :attr:`FieldTemplate.outlines`."""
-
-
 AT_MIDDLE_M = 1e-6
 """A centre this near to the long or the short axis lies on it, metres: rounding of arithmetic over sizes."""
 

@@ -44,10 +44,10 @@ BESIDE_PX = 4.0
 LEAST_STRENGTH, ALIKE, MOST_GROWTH_M = 0.12, 0.9, 0.25
 """Of an old coat that is believed: fainter ones move nothing; of two coats that are more alike than the second the
 profiles do not say which is the new one; and a compass is set a few centimetres wrong, so what differs by more in its
-radius is another circle.
-Where new paint is worn as well its old coat has up to 0.85 of its light: of ten rendered circles whose coats have 0.65
-to 0.85 all are measured more truly without that, by 0.5 px instead of 0.15 (root mean square along the circle). Of
-eight rendered circles that have coats of 0.92 to 0.97 the fainter one is the old one on two.
+radius is another circle. Where new paint is worn as well its old coat has up to 0.85 of its light: of ten rendered
+circles whose coats have 0.65 to 0.85 all are measured more truly without that, by 0.5 px instead of 0.15 (root mean
+square along the circle). Of eight rendered circles that have coats of 0.92 to 0.97 the fainter one is the old one on
+two.
 """
 LEAST_GAIN = 87.0
 """By how much the second band must lower the chi-square, in units of what is left per sample: on 33 of 34 rendered

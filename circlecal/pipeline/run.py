@@ -30,8 +30,6 @@ ARC_ALONE = (
     "penalty arc"
 )
 """Why arcs are not enough."""
-
-
 OTHER_INTERPRETATIONS = (PLACED_FIELD, OTHER_CIRCLES, ARCS, FIELD_LINES, DISCS)
 """What else in the picture is taken for the circle; in this order."""
 
@@ -60,7 +58,7 @@ def run(
     extra : Observations, optional
         Keypoints, lines and marks from elsewhere, used together with what the picture shows.
     frame_id : str
-        Name of the frame; with the seed it fixes all random draws.
+        Name of the frame, which changes no answer: every frame begins with the draws of the seed.
     source : str, optional
         Path or URL as given, recorded in the result.
     looks : Looks, optional

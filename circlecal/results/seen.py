@@ -123,9 +123,8 @@ class EdgePoints:
     """Stage ``edges``: sub-pixel Canny points.
 
     ``points_px`` (N, 2); ``normals`` (N, 2) unit, from dark to bright; ``contrast`` (N,) grey levels across the edge;
-    ``sigma_px`` (N,) along the normal; ``noise``
-    grey-level noise of the picture; ``blur_px`` standard deviation of its blur; ``thresholds`` the two that Canny ran
-    with.
+    ``sigma_px`` (N,) along the normal; ``noise`` grey-level noise of the picture; ``blur_px`` standard deviation of its
+    blur; ``thresholds`` the two that Canny ran with.
     """
 
     points_px: Array

@@ -1,8 +1,7 @@
 """Stage ``ellipse``: the conics of the marking's edges and of its centreline.
 
-RANSAC around minimal conics and a closed-form fit (Fitzgibbon's direct fit by default), then geometric refinement;
-the inliers are always those of the
-returned conic.
+RANSAC around minimal conics and a closed-form fit (Fitzgibbon's direct fit by default), then geometric refinement; the
+inliers are always those of the returned conic.
 """
 
 from __future__ import annotations

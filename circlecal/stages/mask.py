@@ -53,8 +53,6 @@ FEWEST_ON_MIDDLE, MIDDLE_SUPPORT = 20, 0.25
 """Points on it at least, and in small half axes (in pixels): the chord is two of them long where it runs along the
 view.
 """
-
-
 GREEN_HUE_DEG, LEAST_CHROMA = (100.0, 155.0), 10.0
 """Hue in the a-b plane of CIE Lab, degrees, and least distance from gray, of turf and green carpet: 55 real pictures of
 them have 116 to 134 degrees and 20 to 67; ice and light halls stay below 6, wood and painted floors have other hues.

@@ -48,8 +48,6 @@ WIDTH_SD_M = 0.3
 """What is left open of a width that is searched for, metres: in 14 rendered clips it is 0.0 to 0.2 off where the rest
 of the tripod is known.
 """
-
-
 ROUGH_SHARE, ROUGH_PX = 1.55, 0.05
 """Where the models leave more in all frames than noise, costs say little; then the root mean square distance may be up
 to that share, and so many pixels at 1920 px width, more: length and width take what lens, surface and painters leave of

@@ -60,6 +60,9 @@ def test_directions_of_the_angles():
     np.testing.assert_allclose(horizon[2], (0.0, -1.0, 0.0), atol=1e-12)
     right = pinhole.rotation_matrix(0.1, np.pi / 2, 0.0)
     assert right[2, 0] > 0
+    # a camera that is turned clockwise turns its picture the other way: what lies to the right goes up
+    to_the_right = pinhole.rotation_matrix(0.0, np.pi / 2, 0.1) @ (1.0, -1.0, 0.0)
+    assert to_the_right[1] < 0
 
 
 @given(cameras(aspect=1.2))
