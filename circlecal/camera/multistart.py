@@ -79,6 +79,8 @@ def find_optima(problem: Problem, starts: Starts, config: CameraConfig, side: st
     closed = starts.closed
     if len(closed) and not starts.follow_grid:
         state = _follow(problem, closed, config, side)
+        if len(starts.grid) == 0:  # nothing else to follow
+            return state
         covariance = posterior_covariance(state.normal[0], problem.priors.sd)
         rim = problem.priors.center_m + problem.model.surface.reference_m * RIM_RADII
         sigma, _ = project(state.theta[:1], rim[None], problem.model).sigma(covariance)

@@ -21,7 +21,7 @@ from circlecal.geometry.least_squares import StoppingRule
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import Surface
 from circlecal.observations import CirclePoints, MarkingKey, Observations
-from circlecal.results import CameraFit
+from circlecal.results import CameraFit, RoughCamera
 
 DENSE_POINTS = 60
 """Of a marking: so many tell their noise, and which of them lie on something else; clicked ones are fewer."""
@@ -39,7 +39,7 @@ class Task:
     circle: Circle
     config: CameraConfig
     side: str
-    earlier: CameraFit | None
+    earlier: CameraFit | RoughCamera | None
     names: dict[int, str] = field(default_factory=dict)
 
     @property

@@ -24,6 +24,7 @@ from circlecal.results import (
     EllipseFits,
     Interpretation,
     MarkingMask,
+    RoughCamera,
     Segment,
     Verdict,
 )
@@ -146,7 +147,7 @@ def calibrate_extra(setting: Setting, attempt: Attempt, extra: Observations) -> 
 def estimate(
     setting: Setting,
     attempt: Attempt,
-    earlier: CameraFit | None = None,
+    earlier: CameraFit | RoughCamera | None = None,
     *,
     is_strain_left_out: bool = True,
     is_draft: bool = False,
@@ -161,7 +162,7 @@ def estimate(
         The frame.
     attempt : Attempt
         With ellipses, cues and observations; returned unchanged where it is refused already.
-    earlier : CameraFit, optional
+    earlier : CameraFit or RoughCamera, optional
         Camera of about the same observations, from which the fit starts.
     is_strain_left_out, is_draft : bool
         As for :func:`circlecal.stages.camera.estimate_camera`.

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from circlecal.geometry.projective import Array
 from circlecal.line_naming.two_directions import FEWEST_LINES
 from circlecal.observations import Observations, join_observations
 from circlecal.paint.profiles import estimate_noise
@@ -16,7 +17,7 @@ from circlecal.pipeline.curves import measure_curves, replace_curves
 from circlecal.pipeline.refinements import Retry, is_less_uncertain
 from circlecal.pipeline.setting import Scene, Setting, lighten_markings
 from circlecal.pipeline.size_by_circle import HALF_CIRCLE, find_size_by_circle, misses_circle
-from circlecal.results import Attempt, CameraFit, MarkingMask
+from circlecal.results import Attempt, CameraFit, MarkingMask, RoughCamera
 from circlecal.stages.confirm import look_for_markings
 from circlecal.stages.evidence import measure_evidence
 from circlecal.stages.field_lines import carriers, observe_field_lines, without_worst_marking
@@ -119,8 +120,8 @@ def _try_namings(setting: Setting, scene: Scene, mask: MarkingMask) -> Iterator[
         side, cues = config.correspondences.camera_side, config.cues
         noise = estimate_noise(picture)
         namings = observe_field_lines(picture, mask, noise, template, cues.search_px, cues.spacing_px, side)
-    for observations in namings:
-        attempt = _fit_naming(setting, scene, mask, picture, observations, noise)
+    for observations, theta in namings:
+        attempt = _fit_naming(setting, scene, mask, picture, observations, theta, noise)
         camera, seen = attempt.camera, attempt.observations
         if not attempt.is_calibrated or camera is None or seen is None or attempt.verdict is None:
             continue
@@ -151,12 +152,14 @@ def _fit_naming(
     mask: MarkingMask,
     picture: NDArray[np.uint8],
     observations: Observations,
+    theta: Array,
     noise: float,
 ) -> Attempt:
-    """The attempt with named lines, and with the arcs measured where a draft of its camera puts them instead of traced,
-    where these calibrate; without the marking that it explains worst, where that mends it.
+    """The attempt with named lines, from the rough camera (P,) that their names imply, and with the arcs measured where
+    a draft of its camera puts them instead of traced, where these calibrate; without the marking that it explains
+    worst, where that mends it.
     """
-    draft = _calibrate_field_lines(setting, scene, mask, observations, is_draft=True)
+    draft = _calibrate_field_lines(setting, scene, mask, observations, RoughCamera(theta), is_draft=True)
     if draft.camera is None or _is_hopeless(draft):
         return draft
     found = measure_curves(setting, picture, draft.camera, setting.template.arcs, noise)
@@ -209,7 +212,7 @@ def _calibrate_field_lines(
     scene: Scene,
     mask: MarkingMask,
     observations: Observations,
-    earlier: CameraFit | None = None,
+    earlier: CameraFit | RoughCamera | None = None,
     *,
     is_draft: bool = False,
 ) -> Attempt:

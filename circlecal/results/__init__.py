@@ -15,6 +15,7 @@ from circlecal.results.estimates import (
     OtherSize,
     PaintersFit,
     PointCorrespondence,
+    RoughCamera,
 )
 from circlecal.results.seen import (
     CIRCLE_ID,
@@ -66,6 +67,7 @@ __all__ = [
     "PointCorrespondence",
     "RayPoints",
     "Rival",
+    "RoughCamera",
     "SeenArc",
     "Segment",
     "Status",

@@ -193,6 +193,14 @@ class PaintersFit:
 
 
 @dataclass(frozen=True, slots=True)
+class RoughCamera:
+    """Parameters (P,) of a camera that is about right, and the names that it gave to lines, by their index."""
+
+    theta: Array
+    names_by_line: dict[int, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
 class CameraFit:
     """Stage ``camera``: maximum a posteriori pinhole camera with its covariance.
 

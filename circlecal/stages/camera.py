@@ -30,7 +30,7 @@ from circlecal.estimation.worlds import choose_world
 from circlecal.field import Circle, FieldTemplate
 from circlecal.observations import MarkingKey, Observations
 from circlecal.refusals import refuse
-from circlecal.results import CameraFit
+from circlecal.results import CameraFit, RoughCamera
 
 
 def estimate_camera(
@@ -39,7 +39,7 @@ def estimate_camera(
     circle: Circle,
     config: CameraConfig,
     camera_side: str = "main",
-    earlier: CameraFit | None = None,
+    earlier: CameraFit | RoughCamera | None = None,
     is_strain_left_out: bool = True,
     is_draft: bool = False,
 ) -> CameraFit:
@@ -57,7 +57,7 @@ def estimate_camera(
         Model and priors.
     camera_side : str
         Which of the two solutions of the turned field is returned.
-    earlier : CameraFit, optional
+    earlier : CameraFit or RoughCamera, optional
         Of about the same observations: the only start, and its names of the same lines hold.
     is_strain_left_out : bool
         Whether a marking that changes the answer by more than its noise allows is not what it was taken for; else it

@@ -47,8 +47,9 @@ def observe_field_lines(
     search_px: float,
     spacing_px: float,
     side: str,
-) -> list[Observations]:
-    """Observations with names for the straight markings and arcs of a picture, by the most plausible naming first.
+) -> list[tuple[Observations, Array]]:
+    """Observations with names for the straight markings and arcs of a picture, by the most plausible naming first, each
+    with the rough camera (P,) that its names imply, without lens or crown.
 
     Parameters
     ----------
@@ -73,7 +74,7 @@ def observe_field_lines(
     curves = [arc.points_px for arc in mask.arcs]
     found = propose_cameras(segments, curves, template, model, side, MOST_HYPOTHESES)
     return [
-        _observations(naming, lines, mask, template, model)
+        (_observations(naming, lines, mask, template, model), naming.theta)
         for naming in found
         if naming.score > 0 and naming.score >= RIVAL_SHARE * found[0].score
     ]

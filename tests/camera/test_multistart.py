@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from circlecal.camera import multistart
 from circlecal.camera.multistart import COARSE_POINTS, FEW_STARTS, Starts, find_optima
 from circlecal.camera.options import CameraConfig
 from circlecal.camera.problem import COARSE
@@ -34,3 +35,16 @@ def test_without_a_start_there_is_no_camera():
     with pytest.raises(EstimationError) as refused:
         find_optima(problem, Starts(NONE, NONE), CONFIG, "main")
     assert refused.value.code == "no_camera"
+
+
+def test_a_weak_camera_is_followed_again_only_where_there_is_a_grid(monkeypatch):
+    rng = np.random.default_rng(5)
+    theta = plain_theta(rng)
+    problem = problem_of(observed(theta, rng), priors())
+    followed, follow = [], multistart._follow
+    monkeypatch.setattr(multistart, "WEAK_SIGMA_PX", 0.0)
+    monkeypatch.setattr(multistart, "_follow", lambda *given: followed.append(len(given[1])) or follow(*given))
+    find_optima(problem, Starts(theta[None], NONE), CONFIG, "main")
+    assert followed == [1]
+    find_optima(problem, Starts(theta[None], theta[None]), CONFIG, "main")
+    assert followed == [1, 1, 2]

@@ -49,7 +49,7 @@ def test_other_lines_and_other_fields_are_tried(tries):
     assert len(tries) == 3
 
 
-CAMERA = SimpleNamespace(residuals_px={})
+CAMERA, ROUGH = SimpleNamespace(residuals_px={}), np.ones(17)
 
 
 def fit_naming(monkeypatch, answers, arcs):
@@ -57,6 +57,7 @@ def fit_naming(monkeypatch, answers, arcs):
     fits, answers = [], iter(answers)
 
     def calibrate(setting, scene, mask, observations, earlier=None, *, is_draft=False):
+        assert not is_draft or earlier.theta is ROUGH
         fits.append(([seen.circle for seen in observations.circles], is_draft))
         return next(answers)
 
@@ -64,7 +65,9 @@ def fit_naming(monkeypatch, answers, arcs):
     monkeypatch.setattr(field_lines, "_calibrate_field_lines", calibrate)
     monkeypatch.setattr(field_lines, "measure_curves", lambda *_: found)
     setting = SimpleNamespace(template=SimpleNamespace(arcs=()))
-    attempt = field_lines._fit_naming(setting, None, see_lines(), np.zeros((9, 9), np.uint8), Observations(9, 9), 1.0)
+    attempt = field_lines._fit_naming(
+        setting, None, see_lines(), np.zeros((9, 9), np.uint8), Observations(9, 9), ROUGH, 1.0
+    )
     return attempt, fits
 
 
@@ -113,7 +116,7 @@ def test_a_camera_that_misses_a_circle_in_plain_view_is_no_answer(monkeypatch):
     for name in ("lighten_markings", "estimate_noise", "look_for_markings", "measure_evidence", "measure_surroundings"):
         monkeypatch.setattr(field_lines, name, lambda *given: None)
     monkeypatch.setattr(field_lines, "carriers", lambda seen, camera: frozenset())
-    monkeypatch.setattr(field_lines, "observe_field_lines", lambda *given: [Observations(9, 9)] * 2)
+    monkeypatch.setattr(field_lines, "observe_field_lines", lambda *given: [(Observations(9, 9), ROUGH)] * 2)
     monkeypatch.setattr(field_lines, "_fit_naming", lambda *given: next(attempts))
     monkeypatch.setattr(field_lines, "confirm_field_lines", lambda verdict, *given: verdict)
     monkeypatch.setattr(field_lines, "weigh_evidence", lambda verdict, *given: verdict)

@@ -34,7 +34,8 @@ def test_a_line_far_wider_than_its_paint_would_be_is_left_out(monkeypatch):
     naming = FieldHypothesis(dict(enumerate(WIDTHS_PX)), theta_of(CAMERA, MODEL), 1.0)
     monkeypatch.setattr(field_lines, "propose_cameras", lambda *_: [naming])
     mask = MarkingMask(picture, "detector", lines=tuple(segments))
-    (found,) = observe_field_lines(picture, mask, 1.0, SOCCER, 8.0, 2.0, "near")
+    ((found, theta),) = observe_field_lines(picture, mask, 1.0, SOCCER, 8.0, 2.0, "near")
+    assert theta is naming.theta
     assert [line.line for line in found.lines] == ["side_line_left", "big_rect_left_main", "big_rect_left_top"]
 
 
