@@ -376,6 +376,19 @@ class FieldTemplate(BaseModel):
         points = np.concatenate([np.array(curves).reshape(-1, NODES, 2), straight])
         return names, points, np.concatenate([round_shifts, shifts])
 
+    def growth_of(self, marking_m: Array) -> tuple[Array, Array]:
+        """How a marking (N, 2) goes with the length and the width of the field, which change its points along x and y:
+        metres per metre by which it moves (2,), and by which each metre of its coordinates stretches (2,).
+
+        What bounds the field, or reaches from side to side, stretches; what belongs to one end moves with it.
+        """
+        size = np.array([self.length_m, self.width_m])
+        low, high = marking_m.min(axis=0), marking_m.max(axis=0)
+        reaches = np.maximum(-low, high) >= size / 2 - self.marking_width_m
+        is_beside = low * high > 0
+        moves = np.where(is_beside & (reaches | (True, False)), np.sign(low) / 2.0, 0.0)
+        return moves, np.where(reaches & ~is_beside, 1.0 / size, 0.0)
+
     def line_coordinates(self, line: Line) -> Array:
         """Homogeneous line (3,) of the centreline, ``a^2 + b^2 = 1``."""
         (x0, y0), (x1, y1) = self.line_ends(line)

@@ -144,17 +144,10 @@ class FieldView:
     def grow(self, marking_m: Array, template: FieldTemplate) -> Array:
         """A marking (N, 2) of the template where this longer and broader field has it.
 
-        What bounds the field, or reaches from side to side, stretches; what belongs to one end moves with it.
+        See :meth:`circlecal.field.template.FieldTemplate.growth_of`.
         """
-        size = np.array([template.length_m, template.width_m])
-        low, high = marking_m.min(axis=0), marking_m.max(axis=0)
-        reaches = np.maximum(-low, high) >= size / 2 - template.marking_width_m
-        moved = marking_m * np.where(reaches & (low * high <= 0), 1.0 + self.growth_m / size, 1.0)
-        if low[0] * high[0] > 0:
-            moved[:, 0] += np.sign(low[0]) * self.growth_m[0] / 2
-        if reaches[1] and low[1] * high[1] > 0:
-            moved[:, 1] += np.sign(low[1]) * self.growth_m[1] / 2
-        return np.asarray(moved)
+        moves, stretches = template.growth_of(marking_m)
+        return np.asarray(marking_m + self.growth_m * (moves + stretches * marking_m))
 
     def _sigma(self, points_m: Array, points_px: Array, frame: Literal[0, 1]) -> Array | None:
         """Standard deviations (...,) in the picture (0) or on the ground (1); nan where either point is."""

@@ -145,7 +145,10 @@ def test_a_mask_or_a_colour_that_is_given_leaves_nothing_to_learn(tmp_path):
 
 
 def test_what_cannot_be_read_again_keeps_its_record(hall, told_folder, tmp_path, monkeypatch):
+    lost = []
+
     def lose(frame):
+        lost.append(frame.id)
         raise InputError(f"{frame.id}: is gone")
 
     monkeypatch.setattr(learning, "_find_file", lose)
@@ -154,5 +157,6 @@ def test_what_cannot_be_read_again_keeps_its_record(hall, told_folder, tmp_path,
     clear = [line for line in lines if json.loads(line)["id"] in {f"f{k}" for k in CLEAR}]
     (tmp_path / "results.jsonl").write_bytes(b"".join(clear))
     found = run_hall(hall[0], tmp_path)
+    assert set(lost) == {f"f{k}" for k in NOISY}
     for number in NOISY:
         assert found[f"f{number}"]["code"] not in (None, "unreadable_input")

@@ -13,7 +13,7 @@ from circlecal.rig.tripod import Venue
 from circlecal.tracking import follower, motion
 from circlecal.tracking.clip import track_frames
 from circlecal.tracking.entry import ClipFrame
-from circlecal.tracking.looking import Look, Place
+from circlecal.tracking.looking import Look, LookedAt, Place
 from circlecal.tracking.motion import HeadMotion, move_of_middle
 from tests.tracking.scenes import HEAD, SIZE, draw, tripod
 
@@ -47,6 +47,35 @@ def test_a_camera_goes_on_turning_where_no_motion_is_seen(
     for k, frame in enumerate(found):
         assert frame.head is not None
         assert np.abs(frame.head.values - HEAD - k * STEP).max() < 6e-4
+
+
+def test_a_camera_goes_on_speeding_up_where_no_motion_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    # by 42 px more from frame to frame
+    turned = [np.array([0.0, 0.014 * k * k, 0.0]) for k in range(FRAMES)]
+    seen = iter(range(1, FRAMES))
+    look = Place.look
+    began: list[NDArray[np.float64]] = []
+    seen_pictures: list[NDArray[np.uint8]] = []
+
+    def estimate_motion(*_: object) -> HeadMotion | None:
+        k = next(seen)
+        return HeadMotion(turned[k] - turned[k - 1], np.diag([1e-8, 1e-8, 1e-8]), 1.0, 100) if k < 3 else None
+
+    def note_start(place: Place, picture: LookedAt, head: NDArray[np.float64], *given: Any) -> Look:
+        if not (seen_pictures and seen_pictures[-1] is picture.gray):
+            seen_pictures.append(picture.gray)
+            began.append(head)
+        return look(place, picture, head, *given)
+
+    monkeypatch.setattr(follower, "estimate_motion", estimate_motion)
+    monkeypatch.setattr(follower, "SHUTTER", 0.0)
+    monkeypatch.setattr(Place, "look", note_start)
+    pictures = [draw(HEAD + turn, np.random.default_rng(1)) for turn in turned]
+    frames = [ClipFrame(k, k / 25.0, picture) for k, picture in enumerate(pictures)]
+    found = list(track_frames(frames, Venue("soccer", (tripod(),)), Config()))
+    assert {frame.status for frame in found} == {"calibrated"}
+    for turn, start in zip(turned[1:], began[1:], strict=True):
+        assert np.abs(start - HEAD - turn).max() < 2e-3
 
 
 @pytest.mark.parametrize("every", [1, 6])
