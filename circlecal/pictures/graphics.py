@@ -104,7 +104,17 @@ def _find_boxes(image: NDArray[np.uint8], edges: list[Band]) -> list[Band]:
             above = [edge for edge in edges if edge.top < box.top]
             taken = (other.bottom + 1 for other in found if other.top < box.top)
             found.append(replace(box, top=max([_uppermost(above, box.top, height), *taken])))
-    return found
+    return [box for box in found if not _is_field_beside(image, box, found)]
+
+
+def _is_field_beside(image: NDArray[np.uint8], box: Band, found: list[Band]) -> bool:
+    """Whether what was taken for a box is the field between a box and a shadow or another box: the field goes on
+    elsewhere.
+    """
+    if not _is_beside(box, [other for other in found if other is not box]):
+        return False
+    inside = image[box.top + RIM_PX : box.bottom - RIM_PX : 2, box.left : box.right + 1]
+    return _share_elsewhere(image, box, _usual_colour(inside)) > BESIDE_SHARE
 
 
 def _list_beginnings(edges: list[Band], found: list[Band]) -> list[tuple[Band, bool]]:
@@ -251,13 +261,12 @@ def _is_box(image: NDArray[np.uint8], band: Band, most_elsewhere: float = FIELD_
     """Whether the inside of a band of a thinned picture is plain, and unlike what lies outside, as its rims are; at
     most a share of the rest of the picture has its colour.
     """
-    columns, every = slice(band.left, band.right + 1), FIELD_EVERY // EVERY
+    columns = slice(band.left, band.right + 1)
     inside = image[band.top + RIM_PX : band.bottom - RIM_PX : 2, columns]
     if inside.size == 0:
         return False
     usual = _usual_colour(inside)
-    rest = (image[: band.top : FIELD_EVERY, ::every], image[band.bottom + 1 :: FIELD_EVERY, ::every])
-    if _has_colour(np.concatenate(rest), usual).mean() > most_elsewhere:
+    if _share_elsewhere(image, band, usual) > most_elsewhere:
         return False
     plain = _has_colour(inside, usual)
     sides = [
@@ -278,6 +287,13 @@ def _is_box(image: NDArray[np.uint8], band: Band, most_elsewhere: float = FIELD_
     rows = image[band.top : band.bottom + 1, columns]
     strips = [(_share_of_rows(_has_colour(rows, outside)) > GROUND_SHARE).mean() for _, outside in sides]
     return bool(plain.mean() >= PLAIN_SHARE and unlike and sides and max(strips) <= STRIP_SHARE)
+
+
+def _share_elsewhere(image: NDArray[np.uint8], band: Band, colour: NDArray[np.float64]) -> float:
+    """Share of the rows above and below a band of a thinned picture that has about a colour (3,)."""
+    every = FIELD_EVERY // EVERY
+    rest = (image[: band.top : FIELD_EVERY, ::every], image[band.bottom + 1 :: FIELD_EVERY, ::every])
+    return float(_has_colour(np.concatenate(rest), colour).mean())
 
 
 def _usual_colour(image: NDArray[np.uint8]) -> NDArray[np.float64]:
