@@ -17,7 +17,7 @@ from circlecal.geometry.projective import Mask
 __all__ = ["Band", "cover_bands", "fill_bands", "find_bands"]
 
 LEAST_STEP = 16
-"""Gray levels by which an edge steps from one row to the next but one."""
+"""Levels by which an edge steps from one row to the next but one, in any colour: a red box may be as light as grass."""
 EVERY, JOINED, JOINED_SHARE = 4, 12, 0.9
 """Each so many-th column is looked at, so many of them together, and the share of these that must step alike."""
 LEAST_LENGTH, MOST_EDGES = 0.35, 24
@@ -35,7 +35,7 @@ PLAIN_LEVELS, PLAIN_SHARE = 14.0, 0.5
 """Share of a band's places within so many gray levels of its median, in each colour: the ground of a box is plain, that
 of the field between two level lines is as well, but has the colour of the field outside.
 """
-UNLIKE_LEVELS = 24.0
+UNLIKE_LEVELS = 18.0
 """Gray levels by which the box, and its rim, must differ from what lies above and below it, in the most different
 colour.
 """
@@ -52,6 +52,10 @@ lies between two boxes is field, and goes on beyond them.
 BESIDE_SHARE = 0.06
 """Share of the rest of the picture that may have the colour of a box which begins where another one ends: of field
 between two boxes 0.10 to 0.19 has, of boxes 0.04 at most (ten rendered frames).
+"""
+MOST_GREY, LEAST_ALIKE = 0.97, 0.995
+"""Cosine of the angle to grey below which a colour has a hue, and that between colours of the field in the sun and in the
+shade: grass has 0.9 and 0.9998, and an olive box 0.98 to it.
 """
 STRIP_SHARE = 0.1
 """Share of a box's rows, at the most, most of which has the colour of what lies above or below it: else the field is
@@ -94,10 +98,13 @@ def _find_boxes(image: NDArray[np.uint8], edges: list[Band]) -> list[Band]:
     for k, upper in enumerate(edges):
         if found and upper.top <= found[-1].bottom:
             continue
-        lower = (edge for edge in reversed(edges[k + 1 :]) if _is_opposite(upper, edge, height))
+        lower = (edge for edge in edges[k + 1 :] if _is_opposite(upper, edge, height))
         top = _uppermost(edges[:k], upper.top, height)
-        boxes = (Band(top, edge.bottom, min(upper.left, edge.left), max(upper.right, edge.right)) for edge in lower)
-        found += [box for box in boxes if _is_box(image, box)][:1]
+        for edge in lower:
+            box = Band(top, edge.bottom, max(upper.left, edge.left), min(upper.right, edge.right))
+            if _is_box(image, box):
+                found.append(_widen(image, box, min(upper.left, edge.left), max(upper.right, edge.right)))
+                break
     for edge, below in _list_beginnings(edges, found):
         box = _grow(image, edge, below, found)
         if box is not None:
@@ -109,12 +116,27 @@ def _find_boxes(image: NDArray[np.uint8], edges: list[Band]) -> list[Band]:
 
 def _is_field_beside(image: NDArray[np.uint8], box: Band, found: list[Band]) -> bool:
     """Whether what was taken for a box is the field between a box and a shadow or another box: the field goes on
-    elsewhere.
+    elsewhere, in the sun or in the shade.
     """
     if not _is_beside(box, [other for other in found if other is not box]):
         return False
-    inside = image[box.top + RIM_PX : box.bottom - RIM_PX : 2, box.left : box.right + 1]
-    return _share_elsewhere(image, box, _usual_colour(inside)) > BESIDE_SHARE
+    colour = _usual_colour(image[box.top + RIM_PX : box.bottom - RIM_PX : 2, box.left : box.right + 1])
+    return _share_elsewhere(image, box, colour, in_shade_too=True) > BESIDE_SHARE
+
+
+def _widen(image: NDArray[np.uint8], box: Band, first: int, last: int) -> Band:
+    """The box of a thinned picture to both sides as far as its rows go on in its colour, at most from column ``first``
+    to ``last``: one of its edges may be seen over a part of its length only, or go on as that of another thing.
+    """
+    rows = image[box.top + RIM_PX : box.bottom - RIM_PX : 2]
+    goes_on = _share_of_rows(_has_colour(rows, _usual_colour(rows[:, box.left : box.right + 1])).T) >= GROUND_SHARE
+    others = np.flatnonzero(~goes_on)
+    left, right = others[others < box.left], others[others > box.right]
+    return replace(
+        box,
+        left=max(first, int(left[-1]) + 1) if len(left) else first,
+        right=min(last, int(right[0]) - 1) if len(right) else last,
+    )
 
 
 def _list_beginnings(edges: list[Band], found: list[Band]) -> list[tuple[Band, bool]]:
@@ -226,12 +248,14 @@ def cover_bands(shape: tuple[int, ...], bands: tuple[Band, ...]) -> Mask:
 
 def _find_level_edges(image: NDArray[np.uint8]) -> list[Band]:
     """Where a thinned picture (H, W, 3) steps along rows, from top to bottom; none where it does so everywhere."""
-    gray = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
-    width = gray.shape[1]
-    columns = np.zeros((len(gray) - 2, width), dtype=np.bool_)
-    for step in (cv2.subtract(gray[2:], gray[:-2]), cv2.subtract(gray[:-2], gray[2:])):
-        alike = (step > LEAST_STEP).view(np.uint8)
-        columns |= cv2.boxFilter(alike, -1, (JOINED, 1), normalize=False) > JOINED_SHARE * JOINED
+    width = image.shape[1]
+    above, below = np.ascontiguousarray(image[:-2]), np.ascontiguousarray(image[2:])
+    alike = np.zeros((len(image) - 2, width), np.uint8)
+    for step in (cv2.subtract(below, above), cv2.subtract(above, below)):
+        large = cv2.threshold(step, LEAST_STEP, 1, cv2.THRESH_BINARY)[1]
+        for channel in cv2.split(cv2.boxFilter(large, -1, (JOINED, 1), normalize=False)):
+            alike = np.asarray(cv2.max(alike, channel), np.uint8)
+    columns = alike > JOINED_SHARE * JOINED
     rows = np.flatnonzero(np.count_nonzero(columns, axis=1) >= LEAST_LENGTH * width)
     edges, reach = [], JOINED // 2
     for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if len(rows) else ():
@@ -266,34 +290,48 @@ def _is_box(image: NDArray[np.uint8], band: Band, most_elsewhere: float = FIELD_
     if inside.size == 0:
         return False
     usual = _usual_colour(inside)
-    if _share_elsewhere(image, band, usual) > most_elsewhere:
-        return False
     plain = _has_colour(inside, usual)
+    behind = RIM_PX + round(TRIM * len(image))
     sides = [
-        (np.median(rim, axis=0), np.median(outside, axis=0))
-        for rim, outside in (
+        [np.median(side, axis=0) for side in (rim, outside, further) if side is not None]
+        for rim, outside, further in (
             (
                 _rows_outside(image, band.top + RIM_PX, columns),
                 _rows_outside(image, band.top - RIM_PX - OUTSIDE_PX, columns),
+                _rows_outside(image, band.top - behind - OUTSIDE_PX, columns),
             ),
             (
                 _rows_outside(image, band.bottom - RIM_PX - OUTSIDE_PX + 1, columns),
                 _rows_outside(image, band.bottom + RIM_PX + 1, columns),
+                _rows_outside(image, band.bottom + behind + 1, columns),
             ),
         )
         if rim is not None and outside is not None
     ]
-    unlike = all(np.abs(own - outside).max() > UNLIKE_LEVELS for rim, outside in sides for own in (rim, usual))
+    # a stripe along a box is told from a line on the field by what lies behind it
+    unlike = all(
+        np.abs(own - seen).max() > UNLIKE_LEVELS for rim, *others in sides for own in (rim, usual) for seen in others
+    )
     rows = image[band.top : band.bottom + 1, columns]
-    strips = [(_share_of_rows(_has_colour(rows, outside)) > GROUND_SHARE).mean() for _, outside in sides]
-    return bool(plain.mean() >= PLAIN_SHARE and unlike and sides and max(strips) <= STRIP_SHARE)
+    strips = [(_share_of_rows(_has_colour(rows, outside)) > GROUND_SHARE).mean() for _, outside, *_ in sides]
+    is_plain = plain.mean() >= PLAIN_SHARE and unlike and sides and max(strips) <= STRIP_SHARE
+    return bool(is_plain and _share_elsewhere(image, band, usual) <= most_elsewhere)
 
 
-def _share_elsewhere(image: NDArray[np.uint8], band: Band, colour: NDArray[np.float64]) -> float:
-    """Share of the rows above and below a band of a thinned picture that has about a colour (3,)."""
+def _share_elsewhere(
+    image: NDArray[np.uint8], band: Band, colour: NDArray[np.float64], in_shade_too: bool = False
+) -> float:
+    """Share of the rows above and below a band of a thinned picture that has about a colour (3,); where that has a hue,
+    in the shade or the sun, too.
+    """
     every = FIELD_EVERY // EVERY
-    rest = (image[: band.top : FIELD_EVERY, ::every], image[band.bottom + 1 :: FIELD_EVERY, ::every])
-    return float(_has_colour(np.concatenate(rest), colour).mean())
+    rest = np.concatenate([image[: band.top : FIELD_EVERY, ::every], image[band.bottom + 1 :: FIELD_EVERY, ::every]])
+    alike = _has_colour(rest, colour)
+    length = np.linalg.norm(colour)
+    if in_shade_too and colour.sum() < MOST_GREY * np.sqrt(3.0) * length:
+        values = rest.astype(np.float32)
+        alike |= values @ (colour / length) > LEAST_ALIKE * np.linalg.norm(values, axis=-1)
+    return float(alike.mean())
 
 
 def _usual_colour(image: NDArray[np.uint8]) -> NDArray[np.float64]:
