@@ -43,6 +43,10 @@ WIDTH_NOISE = 0.16
 """Relative standard deviation of a piece's squared width (8 % of the width, on rendered and real frames)."""
 ROUNDS = 4
 """Of the robust fit of widths."""
+LEAST_SEEN = 0.5
+"""Errors are relative to at least so much of the usual squared width: a fifth of the width beside a player's leg
+outweighed 31 pieces of a right camera.
+"""
 EXPLAINED_PX, EXPLAINED_SIGMAS = 6.0, 3.0
 """Paint so near to a marking of the template that runs alike is that marking: pixels at 1920 px width and standard
 deviations of the marking's place.
@@ -255,12 +259,14 @@ def _misfit(predicted: Array, blur: Array, measured: Array) -> float:
     # takes as long to import as all of circlecal; only a camera that was accepted asks for it
     from scipy.optimize import nnls
 
-    rows = np.column_stack([predicted, blur]) / measured[:, None]
+    # what hides paint leaves a small part of its width, of which the error would be many times as large
+    scale = np.maximum(measured, LEAST_SEEN * np.median(measured / predicted) * predicted)
+    rows, target = np.column_stack([predicted, blur]) / scale[:, None], measured / scale
     weight = np.ones(len(rows))
     off = np.zeros(len(rows))
     for _ in range(ROUNDS):
         root = np.sqrt(weight)
-        off = (rows @ nnls(rows * root[:, None], root)[0] - 1.0) / WIDTH_NOISE
+        off = (rows @ nnls(rows * root[:, None], target * root)[0] - target) / WIDTH_NOISE
         weight = 1.0 / np.sqrt(1.0 + off**2)
     return float((np.sqrt(1.0 + off**2) - 1.0).sum())
 
