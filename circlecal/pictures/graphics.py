@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.geometry.projective import Mask
+from circlecal.geometry.projective import Array, Mask
 
-__all__ = ["Band", "cover_bands", "fill_bands", "find_bands"]
+__all__ = ["Band", "cover_bands", "fill_bands", "find_bands", "lie_clear"]
 
 LEAST_STEP = 16
 """Levels by which an edge steps from one row to the next but one, in any colour: a red box may be as light as grass."""
@@ -54,8 +54,8 @@ BESIDE_SHARE = 0.06
 between two boxes 0.10 to 0.19 has, of boxes 0.04 at most (ten rendered frames).
 """
 MOST_GREY, LEAST_ALIKE = 0.97, 0.995
-"""Cosine of the angle to grey below which a colour has a hue, and that between colours of the field in the sun and in the
-shade: grass has 0.9 and 0.9998, and an olive box 0.98 to it.
+"""Cosine of the angle to grey below which a colour has a hue, and that between colours of the field in the sun and in
+the shade: grass has 0.9 and 0.9998, and an olive box 0.98 to it.
 """
 STRIP_SHARE = 0.1
 """Share of a box's rows, at the most, most of which has the colour of what lies above or below it: else the field is
@@ -63,6 +63,8 @@ seen between two boxes.
 """
 SMOOTHED_PX = 121
 """Columns over which the colours are averaged that fill a band's place."""
+CLEAR_PX = 8.0
+"""Rows beside graphics, at 1920 px width, in which no paint is measured: a profile is about so long to either side."""
 RIM_PX, OUTSIDE_PX = 3, 3
 """Rows of a band's rim that compression smears, and rows outside from which its place is filled."""
 
@@ -98,13 +100,11 @@ def _find_boxes(image: NDArray[np.uint8], edges: list[Band]) -> list[Band]:
     for k, upper in enumerate(edges):
         if found and upper.top <= found[-1].bottom:
             continue
-        lower = (edge for edge in edges[k + 1 :] if _is_opposite(upper, edge, height))
         top = _uppermost(edges[:k], upper.top, height)
-        for edge in lower:
-            box = Band(top, edge.bottom, max(upper.left, edge.left), min(upper.right, edge.right))
-            if _is_box(image, box):
-                found.append(_widen(image, box, min(upper.left, edge.left), max(upper.right, edge.right)))
-                break
+        lower = (edge for edge in edges[k + 1 :] if _is_opposite(upper, edge, height))
+        boxes = (_between(image, top, upper, edge) for edge in lower)
+        # the nearest one: further away the field begins again, and ends at the next box
+        found += [box for box in boxes if box is not None][:1]
     for edge, below in _list_beginnings(edges, found):
         box = _grow(image, edge, below, found)
         if box is not None:
@@ -124,10 +124,16 @@ def _is_field_beside(image: NDArray[np.uint8], box: Band, found: list[Band]) -> 
     return _share_elsewhere(image, box, colour, in_shade_too=True) > BESIDE_SHARE
 
 
-def _widen(image: NDArray[np.uint8], box: Band, first: int, last: int) -> Band:
-    """The box of a thinned picture to both sides as far as its rows go on in its colour, at most from column ``first``
-    to ``last``: one of its edges may be seen over a part of its length only, or go on as that of another thing.
+def _between(image: NDArray[np.uint8], top: int, upper: Band, lower: Band) -> Band | None:
+    """The box of a thinned picture from row ``top`` to its lower edge; None where it is none.
+
+    It is as wide as its rows go on in its colour, at most as both edges: one may be seen over a part of its length
+    only, or go on as that of another thing.
     """
+    box = Band(top, lower.bottom, max(upper.left, lower.left), min(upper.right, lower.right))
+    if not _is_box(image, box):
+        return None
+    first, last = min(upper.left, lower.left), max(upper.right, lower.right)
     rows = image[box.top + RIM_PX : box.bottom - RIM_PX : 2]
     goes_on = _share_of_rows(_has_colour(rows, _usual_colour(rows[:, box.left : box.right + 1])).T) >= GROUND_SHARE
     others = np.flatnonzero(~goes_on)
@@ -244,6 +250,19 @@ def cover_bands(shape: tuple[int, ...], bands: tuple[Band, ...]) -> Mask:
         rows = slice(max(band.top - RIM_PX, 0), band.bottom + RIM_PX + 1)
         covered[rows, max(band.left - RIM_PX, 0) : band.right + RIM_PX + 1] = True
     return covered
+
+
+def lie_clear(points: Array, covered: Mask | None) -> Mask:
+    """Which points (N, 2) of a picture lie neither under graphics (H, W) nor right above or below them, where what
+    fills their place ends in a faint edge, and paint is cut lengthwise.
+    """
+    if covered is None:
+        return np.ones(len(points), np.bool_)
+    height, width = covered.shape
+    x = np.clip(np.rint(points[:, 0]), 0, width - 1).astype(np.intp)
+    near = np.array([[-1.0], [0.0], [1.0]]) * CLEAR_PX * width / 1920.0
+    y = np.clip(np.rint(points[:, 1] + near), 0, height - 1).astype(np.intp)
+    return np.asarray(~covered[y, x].any(axis=0), np.bool_)
 
 
 def _find_level_edges(image: NDArray[np.uint8]) -> list[Band]:

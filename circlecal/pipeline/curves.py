@@ -13,6 +13,7 @@ from circlecal.line_naming.marking_places import place_markings
 from circlecal.observations import CirclePoints, Observations
 from circlecal.paint.along_curve import measure_along_model
 from circlecal.paint.profiles import GrayPicture
+from circlecal.pictures.graphics import lie_clear
 from circlecal.pipeline.setting import Setting
 from circlecal.placement import mean_distance_px
 from circlecal.results import CameraFit
@@ -29,14 +30,23 @@ the arc.
 
 
 def measure_curves(
-    setting: Setting, picture: GrayPicture, camera: CameraFit, curves: Iterable[Circle], noise: float
+    setting: Setting,
+    picture: GrayPicture,
+    camera: CameraFit,
+    curves: Iterable[Circle],
+    noise: float,
+    covered: Mask | None = None,
 ) -> dict[str, CirclePoints]:
-    """Circles and arcs, by name, measured where a camera puts them; without those of which too little is seen."""
+    """Circles and arcs, by name, measured where a camera puts them and graphics (H, W) cover nothing; without those of
+    which too little is seen.
+    """
     config = setting.config
     found = {}
     with setting.clock("rays"):
         for curve in curves:
             points, sigma = measure_along_model(picture, camera.view, curve, setting.template, noise, config.rays)
+            is_clear = lie_clear(points, covered)
+            points, sigma = points[is_clear], sigma[is_clear]
             if isinstance(curve, Arc) and len(points):
                 kept = _lie_clear_of_lines(points, camera, setting.template)
                 points, sigma = points[kept], sigma[kept]

@@ -135,7 +135,7 @@ def _try_namings(setting: Setting, scene: Scene, mask: MarkingMask) -> Iterator[
                 verdict = weigh_evidence(verdict, camera, evidence, ground, template, agreement)
         if verdict.status == "calibrated":
             accepted = replace(attempt, verdict=verdict)
-            accepted = _add_curves(setting, picture, accepted, noise) or accepted
+            accepted = _add_curves(setting, scene, picture, accepted, noise) or accepted
             if accepted.camera is None or not misses_circle(accepted.camera, template, circle, HALF_CIRCLE):
                 yield accepted
 
@@ -162,7 +162,7 @@ def _fit_naming(
     draft = _calibrate_field_lines(setting, scene, mask, observations, RoughCamera(theta), is_draft=True)
     if draft.camera is None or _is_hopeless(draft):
         return draft
-    found = measure_curves(setting, picture, draft.camera, setting.template.arcs, noise)
+    found = measure_curves(setting, picture, draft.camera, setting.template.arcs, noise, scene.covered)
     tried = [replace_curves(observations, found)] if found else []
     for seen in (*tried, observations):
         attempt = _calibrate_field_lines(setting, scene, mask, seen, draft.camera)
@@ -182,19 +182,21 @@ def _is_hopeless(draft: Attempt) -> bool:
     return any(not check.passed and check.value > HOPELESS_TIMES * check.limit > 0.0 for check in checks)
 
 
-def _add_curves(setting: Setting, picture: NDArray[np.uint8], attempt: Attempt, noise: float) -> Attempt | None:
+def _add_curves(
+    setting: Setting, scene: Scene, picture: NDArray[np.uint8], attempt: Attempt, noise: float
+) -> Attempt | None:
     """The attempt with the circle and the arcs measured where its camera puts them; None where that brings nothing."""
     camera, observations = attempt.camera, attempt.observations
     if camera is None or observations is None or attempt.verdict is None:
         return None
     curves = (setting.circle, *setting.template.arcs)
-    found = measure_curves(setting, picture, camera, curves, noise)
+    found = measure_curves(setting, picture, camera, curves, noise, scene.covered)
     if setting.circle.name not in found:
         with setting.clock("verdict"):
             stretched = find_size_by_circle(picture, camera, setting.template, setting.circle)
         if stretched is not None:
             camera = stretched
-            found = measure_curves(setting, picture, camera, curves, noise)
+            found = measure_curves(setting, picture, camera, curves, noise, scene.covered)
     if not found:
         return None
     fuller = replace_curves(observations, found)

@@ -83,7 +83,7 @@ def _clean_circle(setting: Setting, scene: Scene, attempt: Attempt, may_be_alike
         coats = () if profiles is None else find_old_coats(profiles, template.marking_width_m, may_be_alike)
         radius_m = template.radius(circle, "center")
         cleaned = [remove_old_coat(picture, camera.view, circle, radius_m, coat) for coat in coats]
-    found = [measure_curves(setting, clean, camera, (circle,), edges.noise) for clean in cleaned]
+    found = [measure_curves(setting, clean, camera, (circle,), edges.noise, scene.covered) for clean in cleaned]
     tried = [
         estimate(setting, replace(attempt, observations=replace_curves(observations, curves), verdict=None))
         for curves in found

@@ -110,7 +110,7 @@ def remeasure_along_camera(setting: Setting, scene: Scene, attempt: Attempt) -> 
     circle = setting.circle
     picture = lighten_markings(scene.marked, mask, circle)
     curves = (circle, *(setting.template.arcs if is_turned_by_lines else ()))
-    found = measure_curves(setting, picture, camera, curves, edges.noise)
+    found = measure_curves(setting, picture, camera, curves, edges.noise, scene.covered)
     if circle.name not in found:
         if _is_draft(attempt):
             yield estimate(setting, replace(attempt, verdict=None))
@@ -196,7 +196,9 @@ def add_faint_lines(setting: Setting, scene: Scene, attempt: Attempt) -> Iterato
         picture = lighten_markings(scene.marked, mask, setting.circle)
         found = find_faint_lines(picture, camera, setting.template, setting.circle, mask.field_region)
         found = tuple(
-            line for line in found if not _is_repetition(line, cues.lines, SEEN_BEFORE_PX * setting.width / 1920.0)
+            line
+            for line in scene.clear_lines(found)
+            if not _is_repetition(line, cues.lines, SEEN_BEFORE_PX * setting.width / 1920.0)
         )
     if not found:
         return

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeVar, cast
 
 import numpy as np
@@ -17,12 +17,15 @@ from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.projective import Mask
 from circlecal.observations import Observations
 from circlecal.paint.brightness import brightness_of_paint
-from circlecal.pictures.graphics import cover_bands, fill_bands, find_bands
+from circlecal.pictures.graphics import cover_bands, fill_bands, find_bands, lie_clear
 from circlecal.pictures.interlacing import measure_row_motion, remove_combs
-from circlecal.results import Attempt, FrameCalibration, MarkingMask
+from circlecal.results import Attempt, FrameCalibration, LineCue, MarkingMask, RayPoints
 from circlecal.stages.mask import look_quickly, suit_field
 
 T = TypeVar("T")
+
+FEWEST_CLEAR, LEAST_CLEAR = 8, 0.5
+"""Points, and share of its points, that graphics must leave of a straight marking: else it is their own edge."""
 
 
 def frame_generator(seed: int) -> np.random.Generator:
@@ -141,6 +144,37 @@ class Scene:
     def marked(self) -> NDArray[np.uint8]:
         """The picture (H, W) in which markings are measured."""
         return self.gray if self.relief is None else self.relief
+
+    def leave_out_graphics(self, rays: RayPoints) -> RayPoints:
+        """What was seen of the circle where no graphics cover or touch it."""
+        if self.covered is None:
+            return rays
+        outer, inner, middle = (
+            lie_clear(points, self.covered) for points in (rays.outer_px, rays.inner_px, rays.center_line_px)
+        )
+        both = outer & inner
+        return replace(
+            rays,
+            outer_px=rays.outer_px[both],
+            outer_sigma_px=rays.outer_sigma_px[both],
+            inner_px=rays.inner_px[both],
+            inner_sigma_px=rays.inner_sigma_px[both],
+            center_line_px=rays.center_line_px[middle],
+            center_line_sigma_px=rays.center_line_sigma_px[middle],
+        )
+
+    def clear_line(self, line: LineCue) -> LineCue | None:
+        """A straight marking where no graphics cover or touch it; None where too little of it is left."""
+        is_clear = lie_clear(line.points_px, self.covered)
+        if is_clear.all():
+            return line
+        if np.count_nonzero(is_clear) < max(FEWEST_CLEAR, LEAST_CLEAR * len(is_clear)):
+            return None
+        return replace(line, points_px=line.points_px[is_clear], sigma_px=line.sigma_px[is_clear])
+
+    def clear_lines(self, lines: Iterable[LineCue]) -> tuple[LineCue, ...]:
+        """Straight markings without those of which graphics leave too little."""
+        return tuple(clear for line in lines if (clear := self.clear_line(line)) is not None)
 
 
 def prepare_scene(
