@@ -43,9 +43,9 @@ WIDTH_NOISE = 0.16
 """Relative standard deviation of a piece's squared width (8 % of the width, on rendered and real frames)."""
 ROUNDS = 4
 """Of the robust fit of widths."""
-LEAST_SEEN = 0.5
-"""Errors are relative to at least so much of the usual squared width: a fifth of the width beside a player's leg
-outweighed 31 pieces of a right camera.
+LEAST_SEEN, SHARPEST = 0.5, 0.1
+"""Errors are relative to at least so much of the squared width that the least blurred share of the pieces has: a fifth
+of the width beside a player's leg outweighed 31 pieces of a right camera.
 """
 EXPLAINED_PX, EXPLAINED_SIGMAS = 6.0, 3.0
 """Paint so near to a marking of the template that runs alike is that marking: pixels at 1920 px width and standard
@@ -260,7 +260,7 @@ def _misfit(predicted: Array, blur: Array, measured: Array) -> float:
     from scipy.optimize import nnls
 
     # what hides paint leaves a small part of its width, of which the error would be many times as large
-    scale = np.maximum(measured, LEAST_SEEN * np.median(measured / predicted) * predicted)
+    scale = np.maximum(measured, LEAST_SEEN * np.quantile(measured / predicted, SHARPEST) * predicted)
     rows, target = np.column_stack([predicted, blur]) / scale[:, None], measured / scale
     weight = np.ones(len(rows))
     off = np.zeros(len(rows))
