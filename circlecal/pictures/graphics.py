@@ -88,13 +88,16 @@ def find_bands(image: NDArray[np.uint8]) -> tuple[Band, ...]:
     # the pixel that stands for each place is the first one there
     seen = image[:, : EVERY * columns]
     thinned = np.asarray(cv2.resize(seen, (columns, height), interpolation=cv2.INTER_NEAREST), np.uint8)
-    boxes = _find_boxes(thinned, _find_level_edges(thinned))
+    gray = np.asarray(cv2.cvtColor(thinned, cv2.COLOR_BGR2GRAY), np.uint8)[:, :, None]
+    boxes = _find_boxes(thinned, _find_level_edges(thinned), _find_level_edges(gray))
     widened = (replace(box, left=EVERY * box.left, right=min(EVERY * box.right, width - 1)) for box in boxes)
     return tuple(sorted(widened, key=lambda box: box.top))
 
 
-def _find_boxes(image: NDArray[np.uint8], edges: list[Band]) -> list[Band]:
-    """Boxes between two edges, and those that are grown from one of the edges beside them."""
+def _find_boxes(image: NDArray[np.uint8], edges: list[Band], light_edges: list[Band]) -> list[Band]:
+    """Boxes between two edges, and those that are grown from one edge beside them at which the brightness steps: a board
+    on a wall steps in colour, and ends about along a row.
+    """
     height = len(image)
     found: list[Band] = []
     for k, upper in enumerate(edges):
@@ -105,7 +108,7 @@ def _find_boxes(image: NDArray[np.uint8], edges: list[Band]) -> list[Band]:
         boxes = (_between(image, top, upper, edge) for edge in lower)
         # the nearest one: further away the field begins again, and ends at the next box
         found += [box for box in boxes if box is not None][:1]
-    for edge, below in _list_beginnings(edges, found):
+    for edge, below in _list_beginnings(light_edges, found):
         box = _grow(image, edge, below, found)
         if box is not None:
             above = [edge for edge in edges if edge.top < box.top]
@@ -266,7 +269,9 @@ def lie_clear(points: Array, covered: Mask | None) -> Mask:
 
 
 def _find_level_edges(image: NDArray[np.uint8]) -> list[Band]:
-    """Where a thinned picture (H, W, 3) steps along rows, from top to bottom; none where it does so everywhere."""
+    """Where a thinned picture (H, W, C) steps along rows in one of its channels, from top to bottom; none where it does
+    so everywhere.
+    """
     width = image.shape[1]
     above, below = np.ascontiguousarray(image[:-2]), np.ascontiguousarray(image[2:])
     alike = np.zeros((len(image) - 2, width), np.uint8)
