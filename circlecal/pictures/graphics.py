@@ -95,8 +95,8 @@ def find_bands(image: NDArray[np.uint8]) -> tuple[Band, ...]:
 
 
 def _find_boxes(image: NDArray[np.uint8], edges: list[Band], light_edges: list[Band]) -> list[Band]:
-    """Boxes between two edges, and those that are grown from one edge beside them at which the brightness steps: a board
-    on a wall steps in colour, and ends about along a row.
+    """Boxes between two edges, and those that are grown from one edge beside them at which the brightness steps: at a
+    board on a wall the colour alone does, and it ends about along a row.
     """
     height = len(image)
     found: list[Band] = []
