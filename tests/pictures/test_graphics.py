@@ -1,9 +1,10 @@
 """Level boxes of graphics over the picture, and the field that goes on behind them."""
 
+import cv2
 import numpy as np
 import pytest
 
-from circlecal.pictures.graphics import Band, cover_bands, fill_bands, find_bands
+from circlecal.pictures.graphics import Band, cover_bands, fill_bands, find_bands, lie_clear
 
 TURF, BOX = (60, 130, 70), (120, 40, 30)
 
@@ -127,3 +128,40 @@ def test_the_field_between_two_boxes_is_seen():
         (abs(band.top - top) <= 3, abs(band.bottom - bottom) <= 3)
         for band, (top, bottom) in zip(find_bands(boxed), ((120, 180), (230, 290)), strict=True)
     ] == [(True, True)] * 2
+
+
+def test_a_box_that_is_as_light_as_grass_is_found():
+    """An edge between red and green is none in a picture in grey."""
+    image = field(0.05)
+    image[200:241] = (40, 62, 200)
+    gray = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    assert abs(float(gray[205:235].mean()) - float(gray[245:300].mean())) < 8.0
+    (band,) = find_bands(image)
+    assert (abs(band.top - 200), abs(band.bottom - 240)) <= (3, 3)
+
+
+@pytest.mark.parametrize("shade", [0.55, 0.8])
+def test_the_lit_field_between_a_shadow_and_a_box_is_no_box(shade):
+    """It begins and ends along rows and is plain, but the field goes on below the box."""
+    image = field()
+    image[86:96] = TURF
+    image[:150] = np.rint(shade * image[:150])
+    image[330:] = (40, 70, 160)
+    (band,) = find_bands(with_box(image, top=240, bottom=280))
+    assert (abs(band.top - 240), abs(band.bottom - 280)) <= (3, 3)
+
+
+def test_a_box_is_no_wider_than_its_colour():
+    """One of its edges goes on as that of another thing."""
+    image = with_box(field(0.05), left=120, right=400)
+    image[240:, 401:] = (20, 40, 90)
+    image[:240, 401:] = (90, 170, 100)
+    (band,) = find_bands(image)
+    assert abs(band.right - 400) <= 12
+
+
+def test_points_on_and_right_beside_a_box_are_not_clear_of_it():
+    covered = cover_bands((360, 640), (Band(100, 140, 200, 400),))
+    points = np.array([[300.0, 120], [300, 97], [300, 143], [300, 90], [300, 150], [150, 120], [405, 120]])
+    assert lie_clear(points, covered).tolist() == [False, False, False, True, True, True, True]
+    assert lie_clear(points, None).all()

@@ -12,7 +12,7 @@ from circlecal.geometry.camera_parameters import PARAMETERS, ProjectionModel, th
 from circlecal.geometry.surface import Surface
 from circlecal.observations import MarkingKey
 from circlecal.results import Agreement, Evidence, MarkingMask, Segment, Surroundings, Verdict
-from circlecal.stages.evidence import measure_evidence
+from circlecal.stages.evidence import _misfit, measure_evidence
 from circlecal.stages.verdict_on_picture import weigh_evidence
 
 from .conftest import CIRCLE, SOCCER, view
@@ -265,3 +265,18 @@ def test_a_line_may_end_early_where_the_mark_and_lines_confirm_the_camera():
     keys = [MarkingKey(name) for name in ("side_line_top", "big_rect_left_main", "centre_mark")]
     confirmed = replace(camera, residuals_px=camera.residuals_px | dict.fromkeys(keys, 0.1))
     assert weigh(bare, confirmed).status == "calibrated"
+
+
+def test_a_piece_of_which_a_player_hides_all_but_a_fifth_does_not_outweigh_the_others():
+    """Relative to what was measured its error would be thirty times as large as that of any other piece."""
+    away = np.linspace(40.0, 75.0, 32)
+    width = (500.0 / away) ** 2
+    measured, blur = 0.7 * width + 2.0, np.ones((32, 1))
+    reversed_width = width * (away / away.mean()) ** 8
+
+    def reversal():
+        return _misfit(width, blur, measured) - _misfit(reversed_width, blur, measured)
+
+    assert reversal() < -10.0
+    measured[0] = measured[0] / 30.0
+    assert reversal() < -10.0
