@@ -57,7 +57,7 @@ def clean_coats(monkeypatch, first_noise, rounds, moved_px=9.0, rejected=Mapping
     )
     circle = SimpleNamespace(name="centre_circle", fill="ring")
     setting = SimpleNamespace(circle=circle, template=template, width=1280, clock=lambda stage: nullcontext())
-    left = list(old_coats.leave_out_old_coat(setting, SimpleNamespace(marked=None), attempts[0.0]))
+    left = list(old_coats.leave_out_old_coat(setting, SimpleNamespace(marked=None, covered=None), attempts[0.0]))
     return [float(attempt.observations.circles[0].points_px[0, 0]) for attempt in left], asked
 
 

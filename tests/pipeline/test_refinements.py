@@ -78,5 +78,5 @@ def test_a_faint_line_that_was_measured_before_in_pieces_is_no_other_one(monkeyp
     monkeypatch.setattr(refinements, "find_faint_lines", lambda *_: (faint,))
     monkeypatch.setattr(refinements, "estimate", lambda setting, attempt: attempt)
     setting = SimpleNamespace(circle=None, template=None, width=1280, clock=lambda stage: nullcontext())
-    taken = list(refinements.add_faint_lines(setting, SimpleNamespace(marked=None), attempt))
+    taken = list(refinements.add_faint_lines(setting, SimpleNamespace(marked=None, clear_lines=tuple), attempt))
     assert [attempt.cues.lines[2:] for attempt in taken] == ([(faint,)] if is_taken else [])
