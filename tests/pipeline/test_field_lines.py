@@ -65,8 +65,9 @@ def fit_naming(monkeypatch, answers, arcs):
     monkeypatch.setattr(field_lines, "_calibrate_field_lines", calibrate)
     monkeypatch.setattr(field_lines, "measure_curves", lambda *_: found)
     setting = SimpleNamespace(template=SimpleNamespace(arcs=()))
+    scene = SimpleNamespace(covered=None)
     attempt = field_lines._fit_naming(
-        setting, None, see_lines(), np.zeros((9, 9), np.uint8), Observations(9, 9), ROUGH, 1.0
+        setting, scene, see_lines(), np.zeros((9, 9), np.uint8), Observations(9, 9), ROUGH, 1.0
     )
     return attempt, fits
 
