@@ -6,7 +6,6 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -179,12 +178,10 @@ def test_a_missing_extra_is_one_line(run_circlecal, tmp_path, monkeypatch):
 )
 def test_an_address_is_checked_before_connecting(run_circlecal, tmp_path, scheduler):
     frames = paint(tmp_path / "frames", 1)
-    start = time.monotonic()
     outcome = run_circlecal("batch", frames, "--out", tmp_path / "out", "--scheduler", scheduler)
     assert outcome.code == 2
     assert "must be local:N with the number of workers, or tcp://host:port" in outcome.err
     assert len(outcome.err.splitlines()) == 1
-    assert time.monotonic() - start < 10
 
 
 def test_what_was_finished_and_lost_with_all_workers_is_not_waited_for(monkeypatch):

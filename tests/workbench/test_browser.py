@@ -90,10 +90,10 @@ def test_nothing_sticks_out_of_the_window(browser, server):
     keys = "const d = document.getElementById('keys'); d.showModal(); const b = d.querySelector('.talk');"
     low = browser.run(f"{keys} const low = d.offsetHeight <= b.scrollHeight + 4; d.close(); return low")
     assert low, "a dialog is no higher than what it says"
-    ten_thousand_frames_are_as_quick_as_ten(browser)
+    of_ten_thousand_frames_only_those_in_view_are_drawn(browser)
 
 
-def ten_thousand_frames_are_as_quick_as_ten(browser):
+def of_ten_thousand_frames_only_those_in_view_are_drawn(browser):
     """Only the rows in view exist, and keys, filters and search reach all of them."""
     told = browser.run(
         """
@@ -103,19 +103,16 @@ def ten_thousand_frames_are_as_quick_as_ten(browser):
           const opened = [], list = new FrameList(box, rows, (index) => opened.push(index));
           const states = ["refused", "doubtful", "calibrated"];
           list.frames = Array.from({ length: 10000 }, (_, k) => [`f${k}`, states[k % 3], null, 3.5, null, false, null]);
-          const started = performance.now();
           list.keep("", ""); list.select(9000);
           const nodes = rows.children.length, there = rows.textContent.includes("f9000");
           list.step(1); list.keep("refused", "f99"); const few = list.shown.length; list.keep("", "");
-          const spent = performance.now() - started;
           box.remove();
-          return { nodes, there, opened, few, spent };
+          return { nodes, there, opened, few };
         });
         """
     )
     assert told["nodes"] < 40 and told["there"] and told["opened"] == [9001]
     assert told["few"] == sum(f"f{k}".startswith("f99") or "f99" in f"f{k}" for k in range(0, 10_000, 3))
-    assert told["spent"] < 5000
 
 
 def test_two_clicks_calibrate_a_refused_frame_and_undo_takes_them_back(browser, server, out, wide_camera):
