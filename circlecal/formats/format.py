@@ -76,7 +76,9 @@ class Content:
         if self.head not in (b"{", b"["):
             return None
         try:
-            return json.loads(self.raw)
+            return json.loads(self.raw, object_pairs_hook=_with_each_key_once)
+        except _RepeatedKeyError as error:
+            return InputError(f"{self.path}: the key {error} is given twice; keep one of the two")
         except RecursionError:
             return InputError(f"{self.path}: is nested too deeply to be an annotation")
         except ValueError as error:
@@ -86,6 +88,18 @@ class Content:
     def mapping(self) -> Mapping[str, Any]:
         """The JSON object; an empty one where the content is something else."""
         return self.json if isinstance(self.json, dict) else {}
+
+
+class _RepeatedKeyError(ValueError):
+    """A JSON object has two values of one name, of which a reader would take the last in silence."""
+
+
+def _with_each_key_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    content = dict(pairs)
+    if len(content) < len(pairs):
+        names = [name for name, _ in pairs]
+        raise _RepeatedKeyError(json.dumps(next(name for name in names if names.count(name) > 1)))
+    return content
 
 
 @dataclass(frozen=True, kw_only=True)

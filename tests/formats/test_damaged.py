@@ -125,3 +125,14 @@ def test_nothing_known_is_refused_without_the_circle(tmp_path):
     path.write_text(json.dumps({"Line unknown": [{"x": 0.1, "y": 0.2}, {"x": 0.4, "y": 0.3}], "Nonsense": [], "z": [
         {"x": 0.1, "y": 0.1}]}))  # fmt: skip
     assert outcome(path) == "no_circle"
+
+
+def test_a_key_given_twice_is_named(tmp_path):
+    """A reader would take the last one, and half of the clicks be lost in silence."""
+    path = tmp_path / "f.json"
+    middle = '"Middle line": [{"x": 0.4, "y": 0.2}, {"x": 0.41, "y": 0.7}]'
+    path.write_text("{" + f'"Circle central": [{{"x": 0.3, "y": 0.5}}], {middle}, {middle}' + "}")
+    with pytest.raises(InputError, match=r'f\.json: the key "Middle line" is given twice; keep one of the two$'):
+        read_observations(path, TEMPLATE, CONFIG.sources, SIZE)
+    path.write_text("{" + middle + "}")
+    assert len(read_observations(path, TEMPLATE, CONFIG.sources, SIZE)) == 1
