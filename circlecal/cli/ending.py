@@ -7,6 +7,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable
+from types import FrameType
 
 from circlecal.errors import CirclecalError, InterruptedCommandError
 from circlecal.names import show
@@ -16,7 +17,8 @@ _LONGEST_LINE = 2000
 
 
 def exit_after(run: Callable[[], object], *, is_process: bool) -> None:
-    """Run a command and exit: 0 all calibrated, 1 some refused, 2 wrong use or input, 130 interrupted.
+    """Run a command and exit: 0 all calibrated, 1 some refused, 2 wrong use or input, 130 interrupted by Ctrl-C or
+    SIGTERM.
 
     Parameters
     ----------
@@ -25,11 +27,14 @@ def exit_after(run: Callable[[], object], *, is_process: bool) -> None:
     is_process : bool
         Whether the process has nothing else to do, so that a second Ctrl-C may end it at once.
     """
+    if is_process:
+        signal.signal(signal.SIGTERM, _interrupt)
     try:
         run()
     except (InterruptedCommandError, KeyboardInterrupt) as interruption:
         if is_process:  # another one ends at once what is still being wound up
             signal.signal(signal.SIGINT, signal.SIG_DFL)
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
         print("; ".join(("circlecal: interrupted", *map(str, interruption.args))), file=sys.stderr)  # noqa: T201
         sys.exit(130)
     except CirclecalError as error:
@@ -40,6 +45,16 @@ def exit_after(run: Callable[[], object], *, is_process: bool) -> None:
         _fail(f"{os.fsdecode(error.filename)}: {error.strerror}" if error.filename else str(error.strerror or error))
     except MemoryError:
         _fail("not enough memory; give smaller pictures or fewer workers")
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    """Take SIGTERM, which schedulers and containers send, for a Ctrl-C: nothing is lost, and the user is told how to go
+    on; also where the shell made the process deaf to the latter.
+    """
+    by_keyboard = signal.getsignal(signal.SIGINT)
+    if not callable(by_keyboard):
+        raise KeyboardInterrupt
+    by_keyboard(number, frame)
 
 
 def _fail(reason: str) -> None:

@@ -25,7 +25,7 @@ PATIENCE_S = 300.0
 """Limit of every wait, far beyond what a loaded machine needs: only what hangs reaches it."""
 
 SIGNALLING = """
-import os, sys
+import os
 from circlecal.records.log import ResultLog
 from circlecal.cli import main
 
@@ -41,7 +41,7 @@ def append(log, finished):
 
 if __name__ == "__main__":
     ResultLog.append = append
-    main(sys.argv[1:])
+    main()
 """
 
 

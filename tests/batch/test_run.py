@@ -191,14 +191,15 @@ def test_killed_in_the_middle_and_resumed(run_circlecal, in_this_process, tmp_pa
     assert_every_frame_once(out, count)
 
 
-def test_interrupted_and_resumed(run_circlecal, in_this_process, tmp_path):
+# a terminal sends Ctrl-C to the workers, too; a scheduler asks the command alone to end
+@pytest.mark.parametrize(("number", "to"), [(signal.SIGINT, 0), (signal.SIGTERM, "os.getpid()")])
+def test_interrupted_and_resumed(run_circlecal, in_this_process, tmp_path, number, to):
     count, done = 40, 3
     frames, out = paint(tmp_path / "frames", count), tmp_path / "out"
-    # as a terminal does: to the workers, too
-    run = start_signalling(batch_command(frames, out), tmp_path / "interrupted.py", after=done, number=signal.SIGINT)
+    run = start_signalling(batch_command(frames, out), tmp_path / "interrupted.py", after=done, number=number, to=to)
     _, errors = run.communicate(timeout=PATIENCE_S)
     assert run.returncode == 130, errors
-    assert "Traceback" not in errors
+    assert "Traceback" not in errors and "leaked" not in errors
     assert errors.splitlines()[-1] == "circlecal: interrupted; the same command goes on"
     assert len(records(out)) == done
     assert (out / SUMMARY_NAME).is_file()
