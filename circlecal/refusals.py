@@ -442,6 +442,10 @@ CHECKS: dict[str, tuple[str, str]] = {
     "beyond_share": ("picture_contradicts", "the playing surface goes on far beyond where the camera puts its border"),
     "near_share": ("picture_contradicts", "much of what lies before the field, on the camera's side, is no ground"),
     "seam_share": ("picture_contradicts", "a straight step runs across the picture: it is put together from several"),
+    "noise_scale": (
+        "residual_too_large",
+        "circle and lines leave many times the noise that the picture has: the camera or a marking is another one",
+    ),
     "chord_radii": (
         "paint_unexplained",
         "a straight marking runs through the circle, and is not the halfway line: it is an arc of a penalty area",

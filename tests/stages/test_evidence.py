@@ -280,3 +280,10 @@ def test_a_piece_of_which_a_player_hides_all_but_a_fifth_does_not_outweigh_the_o
     assert reversal() < -10.0
     measured[0] = measured[0] / 30.0
     assert reversal() < -10.0
+
+
+@pytest.mark.parametrize(("scale", "code"), [(9.7, None), (11.8, "residual_too_large")])
+def test_many_times_the_noise_of_the_picture_is_another_marking(scale, code):
+    """All that circle and lines leave is taken for noise before a camera is believed, but there is no such noise."""
+    camera = replace(fit_of(CAMERA), noise_scale=scale)
+    assert weigh(NO_PAINT, camera).code == code
