@@ -59,11 +59,11 @@ MOST_REVERSAL = 3.0
 for each further line that is named: of right answers without such lines at most 0.9 (rendered frames of all kinds, 54
 real frames of pans), with them at most 4.8; of pictures turned upside down or mirrored 3.8 to 8.6.
 """
-MOST_NOISE = 11.0
-"""Times the noise of the picture that circle and lines may leave, and as much more for each further line that carries
-the camera: of 3,620 rendered answers within 5 px of the truth at most 9.7, of real ones 5.6; of 285 others five have
-11.8 to 23.9 and no further line, one of them a picture put together from two halves. A real robots' field with ragged
-paint has 14.3, and is carried by many lines.
+MOST_NOISE, THIN_PAINT = 11.0, 0.02
+"""Times the noise of the picture that circle and lines may leave, and the width of paint, in radii of its circle, from
+which on it may be more, as paint is wider: it is ragged. Of 3,620 rendered answers within 5 px of the truth at most
+9.7, of real pitches 5.6; of 285 others five have 11.8 to 23.9, one of them a picture put together from two halves. A
+real robots' field, with paint of 0.067 radii, has 14.3.
 """
 MOST_ROUGH = 0.12
 """Most of the field in view that may be as rough as a crowd: of right answers at most 0.09 (lettered banners, strips of
@@ -172,11 +172,18 @@ def weigh_evidence(
         Check.of("beyond_share", ground.beyond_share, MOST_FLOOR if is_floor else most_beyond),
         Check.of("near_share", ground.near_share, MOST_BEFORE),
         Check.of("seam_share", ground.seam_share, MOST_OF_SEAM),
-        Check.of("noise_scale", camera.noise_scale, MOST_NOISE * (1 + lines)),
+        Check.of("noise_scale", camera.noise_scale, _most_noise(template)),
     )
     checks = (*verdict.checks, *own)
     failed = next((check for check in own if not check.passed), None)
     return replace(verdict, checks=checks) if failed is None else Verdict.refusal_by(failed, checks)
+
+
+def _most_noise(template: FieldTemplate) -> float:
+    """Most of the picture's noise that may be left, where paint is as wide as the template's."""
+    circle = template.circle_by_name[template.default_circle]
+    width = template.marking_width_m / template.radius(circle, "center")
+    return MOST_NOISE * max(1.0, width / THIN_PAINT)
 
 
 def _may_have_walls(camera: CameraFit, template: FieldTemplate) -> bool:
