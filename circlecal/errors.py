@@ -53,7 +53,7 @@ class EstimationError(CirclecalError):
 
 
 class InterruptedCommandError(Exception):
-    """A command was ended by Ctrl-C; its text, if any, says how to go on.
+    """A command was ended by Ctrl-C or SIGTERM; its text, if any, says how to go on.
 
     Unlike KeyboardInterrupt it passes through typer.
     """

@@ -18,6 +18,7 @@ from circlecal.detection.options import AcceptanceConfig, ProfilesConfig
 from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.projective import Array, Mask, lift, normalise_line, transform_lines
 from circlecal.paint.bands import MeasuredCurve, measure_curve
+from circlecal.pictures.graphics import lie_under
 from circlecal.refusals import CHECKS
 from circlecal.results import Check
 
@@ -209,9 +210,7 @@ def hide_samples(circle: MeasuredCircle, covered: Mask | None) -> MeasuredCircle
     """The circle without the samples that graphics cover (H, W): they are as good as outside the picture."""
     if covered is None:
         return circle
-    height, width = covered.shape
-    x, y = np.rint(circle.curve.points).astype(np.int64).T
-    seen = ~covered[np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)]
+    seen = ~lie_under(circle.curve.points, covered)
     curve = replace(circle.curve, inside=circle.curve.inside & seen, supported=circle.curve.supported & seen)
     return replace(circle, curve=curve)
 

@@ -7,6 +7,7 @@ Each format has one file in this folder, which ends with ``FORMAT``, and one wor
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -97,8 +98,8 @@ class _RepeatedKeyError(ValueError):
 def _with_each_key_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     content = dict(pairs)
     if len(content) < len(pairs):
-        names = [name for name, _ in pairs]
-        raise _RepeatedKeyError(json.dumps(next(name for name in names if names.count(name) > 1)))
+        ((name, _),) = Counter(name for name, _ in pairs).most_common(1)
+        raise _RepeatedKeyError(json.dumps(name))
     return content
 
 

@@ -71,9 +71,8 @@ def measure(
             # a rim has no width, and no two edges
             is_rim = circle.fill == "disc"
             relative_width = 0.0 if is_rim else template.marking_width_m / template.radius(circle, "center")
-            rays = scene.leave_out_graphics(
-                cast_rays(picture, edges, marking, relative_width, config.rays, setting.rng)
-            )
+            rays = cast_rays(picture, edges, marking, relative_width, config.rays, setting.rng)
+            rays = scene.clear_rays(rays)
             attempt = replace(attempt, rays=rays)
         with setting.clock("ellipse"):
             has_lines = marking.halfway is not None and len(marking.lines) > 0
@@ -81,8 +80,7 @@ def measure(
             attempt = replace(attempt, ellipses=ellipses, observations=observe(setting, ellipses, Cues(None, None)))
         with setting.clock("cues"):
             cues = find_cues(picture, marking, ellipses, edges.noise, template, config.cues, edges.blur_px)
-            halfway = None if cues.halfway is None else scene.clear_line(cues.halfway)
-            cues = replace(cues, halfway=halfway, lines=scene.clear_lines(cues.lines))
+            cues = scene.clear_cues(cues)
             if has_one_paint(setting, scene, marking):
                 cues = leave_out_other_paints(scene.image, cues, ellipses, marking.band_px)
             arcs = tuple(arc.points_px for arc in marking.arcs)

@@ -19,7 +19,7 @@ from circlecal.observations import Observations
 from circlecal.paint.brightness import brightness_of_paint
 from circlecal.pictures.graphics import cover_bands, fill_bands, find_bands, lie_clear
 from circlecal.pictures.interlacing import measure_row_motion, remove_combs
-from circlecal.results import Attempt, FrameCalibration, LineCue, MarkingMask, RayPoints
+from circlecal.results import Attempt, Cues, FrameCalibration, LineCue, MarkingMask, RayPoints
 from circlecal.stages.mask import look_quickly, suit_field
 
 T = TypeVar("T")
@@ -145,7 +145,7 @@ class Scene:
         """The picture (H, W) in which markings are measured."""
         return self.gray if self.relief is None else self.relief
 
-    def leave_out_graphics(self, rays: RayPoints) -> RayPoints:
+    def clear_rays(self, rays: RayPoints) -> RayPoints:
         """What was seen of the circle where no graphics cover or touch it."""
         if self.covered is None:
             return rays
@@ -171,6 +171,11 @@ class Scene:
         if np.count_nonzero(is_clear) < max(FEWEST_CLEAR, LEAST_CLEAR * len(is_clear)):
             return None
         return replace(line, points_px=line.points_px[is_clear], sigma_px=line.sigma_px[is_clear])
+
+    def clear_cues(self, cues: Cues) -> Cues:
+        """The cues without what graphics cover or touch of straight markings."""
+        halfway = None if cues.halfway is None else self.clear_line(cues.halfway)
+        return replace(cues, halfway=halfway, lines=self.clear_lines(cues.lines))
 
     def clear_lines(self, lines: Iterable[LineCue]) -> tuple[LineCue, ...]:
         """Straight markings without those of which graphics leave too little."""

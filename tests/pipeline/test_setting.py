@@ -45,7 +45,7 @@ def test_both_edges_of_the_circle_are_left_out_together_where_one_lies_beside_gr
     outer = np.array([[300.0, 60.0], [300.0, 92.0], [300.0, 200.0]])
     inner = outer + np.array([0.0, 5.0])
     rays = RayPoints(np.zeros(2), outer, np.arange(3.0), inner, np.arange(3.0), outer, np.arange(3.0), 3, 0, outer[:0])
-    shown = scene(Band(100, 140, 0, 639)).leave_out_graphics(rays)
+    shown = scene(Band(100, 140, 0, 639)).clear_rays(rays)
     assert np.array_equal(shown.outer_sigma_px, [0.0, 2.0]) and np.array_equal(shown.inner_sigma_px, [0.0, 2.0])
     assert np.array_equal(shown.center_line_sigma_px, [0.0, 1.0, 2.0])
-    assert scene().leave_out_graphics(rays) is rays
+    assert scene().clear_rays(rays) is rays
