@@ -9,12 +9,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
-from circlecal.field import load_field
+from circlecal.field import field_folder, load_field
 from circlecal.workbench.answers import distance_to_polyline
 from tests.report.browser import Browser, programs
 from tests.report.test_browser import CONTRASTS
 from tests.report.test_pages import contrast
+from tests.workbench.test_measuring import FEW
 
 pytestmark = pytest.mark.skipif(programs() is None, reason="no Chromium")
 
@@ -36,8 +38,18 @@ def out(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def server(serve, folder, out) -> tuple[subprocess.Popen[str], str]:
-    return serve(folder, "--out", out)
+def options(tmp_path_factory, out) -> tuple[object, ...]:
+    """What a server is started with: names for a refused frame are looked for among few markings, with few starts."""
+    few = yaml.safe_load((field_folder() / "soccer.yaml").read_text(encoding="utf-8"))
+    few["lines"] = [line for line in few["lines"] if line["name"] in FEW]
+    path = tmp_path_factory.mktemp("field") / "few.yaml"
+    path.write_text(yaml.safe_dump(few), encoding="utf-8")
+    return "--out", out, "--field", path, "--set", "camera.starts=2"
+
+
+@pytest.fixture(scope="module")
+def server(serve, folder, options) -> tuple[subprocess.Popen[str], str]:
+    return serve(folder, *options)
 
 
 def go_to(browser: Browser, address: str, name: str = "open") -> None:
@@ -145,7 +157,7 @@ def test_two_clicks_calibrate_a_refused_frame_and_undo_takes_them_back(browser, 
     assert outside == []
 
 
-def test_a_click_snaps_to_paint_and_a_killed_server_loses_nothing(browser, server, serve, folder, out, wide_camera):
+def test_a_click_snaps_to_paint_and_a_killed_server_loses_nothing(browser, server, serve, folder, options, out, wide_camera):
     process, address = server
     go_to(browser, address)
     line = seen(wide_camera, "side_line_top")
@@ -157,7 +169,7 @@ def test_a_click_snaps_to_paint_and_a_killed_server_loses_nothing(browser, serve
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
     before = stored(out)
-    _, again = serve(folder, "--out", out)
+    _, again = serve(folder, *options)
     go_to(browser, again)
     assert stored(out) == before
     assert "penalty arc left" in browser.run("return document.getElementById('markings').textContent")
