@@ -1,5 +1,6 @@
 """A small frame that the whole chain calibrates, painted from the field template, and the command line in process."""
 
+import gc
 import logging
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -30,6 +31,17 @@ settings.load_profile("circlecal")
 FRAME_SIZE = (960, 540)
 LONGEST = ("golden/", "workbench/test_browser", "batch/", "tracking/", "rig/", "test_recipes", "evaluation/", "fuzz/")
 """What takes longest is begun first, so that several workers end at about one time: a file is run by one of them."""
+
+
+def pytest_sessionstart() -> None:
+    """What thousands of tests are made of is no garbage: nothing is looked for in it while they are collected."""
+    gc.disable()
+
+
+def pytest_collection_finish() -> None:
+    """Garbage is looked for from here on, among what the tests themselves make."""
+    gc.freeze()
+    gc.enable()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -9,6 +9,7 @@ import ast
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -62,6 +63,14 @@ FORBIDDEN_NAMES = {
 }
 MACHINE_PATHS = re.compile(r"(?<![\w.~-])/(?:work|home|root|opt|mnt|srv|Users)/\w|[A-Za-z]:\\{1,2}Users")
 TEXT_SUFFIXES = {".py", ".md", ".yaml", ".yml", ".toml", ".json", ".txt", ".cfg", ".sh", ".css", ".html", ".js"}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _trees_are_dropped() -> Iterator[None]:
+    """The million nodes that tests of this module share are not kept, nor searched for garbage, until all tests end."""
+    yield
+    for shared in (_tree, _nodes, _formulas, _modules):
+        shared.cache_clear()
 
 
 def _name(file: Path) -> str:
