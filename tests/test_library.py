@@ -347,7 +347,7 @@ def test_wrong_videos_are_told_at_once(tmp_path, video):
 
 
 @pytest.fixture(scope="module")
-def run_folder(frame_image, tmp_path_factory):
+def run_folder(frame_image, module_in_this_process, tmp_path_factory):
     """A run over one good and one blank frame."""
     from circlecal.cli import main
 

@@ -18,7 +18,7 @@ TABLES = (ROOT / "circlecal" / "evaluation" / "bench" / "README.md").read_text(e
 COMMANDS = re.findall(r"^(?:\$| .*&&) circlecal (.+)$", README, flags=re.MULTILINE)
 
 
-def test_commands_run_in_order(tmp_path, monkeypatch, run_circlecal):
+def test_commands_run_in_order(tmp_path, monkeypatch, run_circlecal, in_this_process):
     """In one folder, since later commands read what earlier ones wrote."""
     shutil.copytree(ROOT / "samples", tmp_path / "samples")
     monkeypatch.chdir(tmp_path)

@@ -90,7 +90,7 @@ def assert_every_frame_once(out: Path, count: int) -> None:
 
 
 def batch_command(frames: Path, out: Path, *options: str) -> list[str]:
-    return [*COMMAND, str(frames), "--out", str(out), "--workers", "2", *options]
+    return [*COMMAND, str(frames), "--out", str(out), "--workers", "1", *options]
 
 
 def wait_for(condition) -> None:

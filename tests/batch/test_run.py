@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from circlecal.batch import SUMMARY_NAME, BatchProgress, run_batch
+from circlecal.batch import run as batch_run
 from circlecal.batch.frames import FrameRun
 from circlecal.config import Config, config_digest, load_config
 from circlecal.errors import InputError
@@ -20,6 +21,7 @@ from circlecal.records.index import ResultIndex
 from circlecal.records.log import INDEX_NAME, RESULTS_NAME, Finished, ResultLog
 from circlecal.records.writing import failure_record
 from circlecal.results import Verdict
+from tests.conftest import finish_here
 
 from .runs import (
     PATIENCE_S,
@@ -36,7 +38,7 @@ from .runs import (
 )
 
 
-def test_all_kinds_of_frames_resume_and_restart(run_circlecal, frame_file, blank_file, tmp_path):
+def test_all_kinds_of_frames_resume_and_restart(run_circlecal, frame_file, blank_file, tmp_path, monkeypatch):
     folder, out = frame_file.parent, tmp_path / "out"
     (folder / "cut.jpg").write_bytes(cv2.imencode(".jpg", np.zeros((99, 99, 3), np.uint8))[1].tobytes()[:-9])
     outcome = run_circlecal("batch", folder, "--out", out, "--workers", 2, "--json")
@@ -62,12 +64,13 @@ def test_all_kinds_of_frames_resume_and_restart(run_circlecal, frame_file, blank
     assert "another configuration" in other.err
     assert "--restart" in other.err
     assert (out / RESULTS_NAME).read_bytes() == before
+    monkeypatch.setattr(batch_run, "_finish_frames", finish_here)
     restarted = run_circlecal("batch", folder, "--out", out, "--workers", 1, "--seed", 9, "--restart", "--quiet")
     assert (restarted.code, restarted.out, restarted.err) == (1, "", "")
     assert {r["seed"] for r in records(out)} == {9}
 
 
-def test_same_answers_as_calibrate_whatever_the_workers(run_circlecal, frame_file, tmp_path):
+def test_same_answers_as_calibrate(run_circlecal, in_this_process, frame_file, tmp_path):
     single = run_circlecal("calibrate", frame_file, "--out", tmp_path / "one", "--json", "--no-overlay")
     run_circlecal("batch", frame_file.parent, "--out", tmp_path / "many", "--workers", 1, "--files", "--no-overlay")
     expected = json.loads(single.out)
@@ -192,11 +195,12 @@ def test_killed_in_the_middle_and_resumed(run_circlecal, in_this_process, tmp_pa
 
 
 # a terminal sends Ctrl-C to the workers, too; a scheduler asks the command alone to end
-@pytest.mark.parametrize(("number", "to"), [(signal.SIGINT, 0), (signal.SIGTERM, "os.getpid()")])
-def test_interrupted_and_resumed(run_circlecal, in_this_process, tmp_path, number, to):
+@pytest.mark.parametrize(("number", "to", "workers"), [(signal.SIGINT, 0, "2"), (signal.SIGTERM, "os.getpid()", "1")])
+def test_interrupted_and_resumed(run_circlecal, in_this_process, tmp_path, number, to, workers):
     count, done = 40, 3
     frames, out = paint(tmp_path / "frames", count), tmp_path / "out"
-    run = start_signalling(batch_command(frames, out), tmp_path / "interrupted.py", after=done, number=number, to=to)
+    command = batch_command(frames, out, "--workers", workers)
+    run = start_signalling(command, tmp_path / "interrupted.py", after=done, number=number, to=to)
     _, errors = run.communicate(timeout=PATIENCE_S)
     assert run.returncode == 130, errors
     assert "Traceback" not in errors and "leaked" not in errors
@@ -308,7 +312,7 @@ def test_a_worker_that_dies_costs_one_frame(tmp_path):
     )
     out = tmp_path / "out"
     run = subprocess.run(
-        [sys.executable, script, *batch_command(frames, out, "--workers", "1")[3:]],
+        [sys.executable, script, *batch_command(frames, out)[3:]],
         capture_output=True,
         text=True,
         check=False,

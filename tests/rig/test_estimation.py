@@ -44,9 +44,15 @@ def mixed():
     return frames, main[0], goal[0]
 
 
-def test_two_cameras_are_told_apart(mixed):
+@pytest.fixture(scope="module")
+def mixed_rigs(mixed):
+    """What these frames share."""
+    return rigs_of(mixed[0])
+
+
+def test_two_cameras_are_told_apart(mixed, mixed_rigs):
     frames, main, goal = mixed
-    first, second = rigs_of(frames)
+    first, second = mixed_rigs
     assert first.members == first.used == tuple(f"m{k}" for k in range(5))
     assert second.used == tuple(f"g{k}" for k in range(3))
     for rig, camera in ((first, main), (second, goal)):
@@ -56,21 +62,21 @@ def test_two_cameras_are_told_apart(mixed):
         assert np.linalg.norm(sigma) < 0.8 * alone
 
 
-def test_a_wrong_frame_that_is_sure_of_itself_joins_nobody(mixed):
+def test_a_wrong_frame_that_is_sure_of_itself_joins_nobody(mixed, mixed_rigs):
     frames = mixed[0]
     wrong = displaced(replace(frames[0], id="w"), (9.0, 30.0, -9.0), 0.05)
     rigs = rigs_of([*frames, wrong])
-    assert [rig.used for rig in rigs] == [rig.used for rig in rigs_of(frames)]
-    np.testing.assert_allclose(position_of(rigs[0])[0], position_of(rigs_of(frames)[0])[0])
+    assert [rig.used for rig in rigs] == [rig.used for rig in mixed_rigs]
+    np.testing.assert_allclose(position_of(rigs[0])[0], position_of(mixed_rigs[0])[0])
 
 
-def test_a_frame_of_another_camera_that_is_taken_in_does_not_drag_the_others(mixed):
+def test_a_frame_of_another_camera_that_is_taken_in_does_not_drag_the_others(mixed, mixed_rigs):
     frames, main, _ = mixed
     rng = np.random.default_rng(5)
     near = replace(main, position_m=main.position_m + np.array([5.0, 0.0, 0.0]))
     near = replace(near, angles_rad=near.angles_rad - np.array([np.arctan2(5.0, near.position_m[1]), 0.0, 0.0]))
     vague = displaced(calibrated("w", near, rng), (0.0, 0.0, 0.0), 10.0)
-    (first, *_), (clean, *_) = rigs_of([*frames, vague]), rigs_of(frames)
+    (first, *_), (clean, *_) = rigs_of([*frames, vague]), mixed_rigs
     assert "w" in first.members
     assert first.left_out == ("w",)
     np.testing.assert_allclose(position_of(first)[0], position_of(clean)[0], atol=1e-3)
@@ -116,9 +122,8 @@ def test_the_best_frames_of_every_zoom_come_first(mixed):
     assert select_frames(frames, 9) == [0, 1, 2, 3, 4]
 
 
-def test_configuration_of_a_frame_knows_the_side(mixed):
-    rigs = rigs_of(mixed[0])
-    for rig, side in zip(rigs, ("main", "left_goal"), strict=True):
+def test_configuration_of_a_frame_knows_the_side(mixed_rigs):
+    for rig, side in zip(mixed_rigs, ("main", "left_goal"), strict=True):
         config = config_with_prior(CONFIG, rig.prior(), 1920)
         assert config.correspondences.camera_side == side
         assert side in SIDES

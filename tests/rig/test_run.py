@@ -7,8 +7,10 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from typer.testing import CliRunner
 
 from circlecal.camera.rig_options import RigConfig
+from circlecal.cli.app import app
 from circlecal.errors import InputError
 from circlecal.geometry.homography import mean_reprojection_error, reprojection_grid
 from circlecal.observations import Observations
@@ -18,6 +20,7 @@ from circlecal.records.json_text import result_line
 from circlecal.records.log import read_records
 from circlecal.records.writing import failure_record, result_record
 from circlecal.results import Verdict
+from circlecal.rig import run as rig_run
 from circlecal.rig.frames import frame_of_record
 from circlecal.rig.run import read_cameras, run_rig
 from circlecal.rig.tripod import PLACE
@@ -27,12 +30,17 @@ from .scenes import CONFIG, TEMPLATE, main_views, seen_by
 
 SETTINGS = ["--set", "camera.starts=2", "--set", "camera.iterations=30", "--set", "camera.crown_shape=flat",
             "--set", "camera.maximum_points=60", "--set", "camera.model_sigma_px=0",
-            "--set", "camera.name_lines=false"]  # fmt: skip
+            "--set", "camera.name_lines=false", "--set", "camera.principal_point_sd_px=5"]  # fmt: skip
 
 
 def error_px(record, camera):
     grid = reprojection_grid(camera.homography, 1920, 1080, 52.5, 34.0)
     return mean_reprojection_error(camera.homography, np.array(record.H_image_field), grid)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _in_this_process(module_in_this_process):
+    """No test here starts a worker."""
 
 
 @pytest.fixture(scope="module")
@@ -66,12 +74,27 @@ def results(tmp_path, records):
 
 
 @pytest.fixture(scope="module")
-def again(records, tmp_path_factory):
-    """The folder that a rig run writes, its report and its records."""
-    folder = tmp_path_factory.mktemp("rig")
+def command(records, tmp_path_factory):
+    """The folder that ``circlecal rig`` writes, its report, and what it printed."""
+    folder, found = tmp_path_factory.mktemp("rig"), []
     (folder / "results.jsonl").write_text("".join(result_line(r) + "\n" for r in records))
-    report = run_rig(folder, CONFIG, folder / "out")
-    return folder / "out", report, {r.id: r for r in read_records(folder / "out")}
+
+    def keep(*given, **named):
+        found.append(run_rig(*given, **named))
+        return found[-1]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(rig_run, "run_rig", keep)
+        ended = CliRunner().invoke(app, ["rig", str(folder), "--out", str(folder / "out"), "--json", "-q", *SETTINGS])
+    assert ended.exit_code == 1, ended.output
+    return folder / "out", *found, ended.stdout
+
+
+@pytest.fixture(scope="module")
+def again(command):
+    """The folder of that run, its report and its records."""
+    out, report, _ = command
+    return out, report, {r.id: r for r in read_records(out)}
 
 
 def test_the_venue_holds_the_cameras(views, again):
@@ -143,13 +166,12 @@ def test_one_frame_shares_nothing(records, tmp_path):
     assert kept["no-line"].status == "refused"
 
 
-def test_command_prints_cameras_and_counts(run_circlecal, results, tmp_path):
-    outcome = run_circlecal("rig", results, "--out", tmp_path / "out", "--json", *SETTINGS)
-    assert outcome.code == 1, outcome
-    told = json.loads(outcome.out)
+def test_command_prints_cameras_and_counts(command, run_circlecal, results, tmp_path):
+    out, _, printed = command
+    told = json.loads(printed)
     assert (told["calibrated_alone"], told["calibrated"]) == (4, 6)
     assert told["cameras"][0]["used"] == 4
-    assert (tmp_path / "out" / "summary.csv").is_file()
+    assert (out / "summary.csv").is_file()
     (tmp_path / "none").mkdir()
     (tmp_path / "none" / "results.jsonl").write_text((results / "results.jsonl").read_text().splitlines()[-1] + "\n")
     outcome = run_circlecal("rig", tmp_path / "none", "--out", tmp_path / "out2", *SETTINGS)
@@ -228,7 +250,7 @@ def test_a_rig_goes_on_where_it_was_stopped(records, again, tmp_path):
         run_rig(tmp_path, CONFIG, tmp_path)
 
 
-def test_batch_does_both_passes(run_circlecal, in_this_process, frame_image, tmp_path):
+def test_batch_does_both_passes(run_circlecal, frame_image, tmp_path):
     for name in ("a", "b"):
         cv2.imwrite(str(tmp_path / f"{name}.png"), frame_image)
     arguments = ("batch", tmp_path, "--out", tmp_path / "run", "--workers", "1", "--rig", "--json")

@@ -157,7 +157,9 @@ def test_two_clicks_calibrate_a_refused_frame_and_undo_takes_them_back(browser, 
     assert outside == []
 
 
-def test_a_click_snaps_to_paint_and_a_killed_server_loses_nothing(browser, server, serve, folder, options, out, wide_camera):
+def test_a_click_snaps_to_paint_and_a_killed_server_loses_nothing(
+    browser, server, serve, folder, options, out, wide_camera
+):
     process, address = server
     go_to(browser, address)
     line = seen(wide_camera, "side_line_top")

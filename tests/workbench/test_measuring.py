@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from circlecal.config import Config
+from circlecal.config import Config, load_config
 from circlecal.field import load_field
 from circlecal.field.view import FieldView
 from circlecal.formats.annotation import Annotation
@@ -149,8 +149,9 @@ def test_one_click_calibrates_the_sample_with_a_touchline(monkeypatch):
         update={"lines": tuple(line for line in template.lines if line.name in FEW), "arcs": template.arcs[:0]}
     )
     monkeypatch.setattr("circlecal.workbench.interpretations.field_of", lambda config: (few, circle))
-    assert interpret(begun, measured, Config(), is_wanted=lambda: False) == []
-    offered = interpret(begun, measured, Config())
+    quick = load_config(None, ["camera.starts=2"])
+    assert interpret(begun, measured, quick, is_wanted=lambda: False) == []
+    offered = interpret(begun, measured, quick)
     assert 1 <= len(offered) <= 2
     named = begun
     for index, name in offered[0].names.items():
