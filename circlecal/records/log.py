@@ -26,7 +26,6 @@ INDEX_NAME = "results.index"
 _APPEND = os.O_RDWR | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0)
 _SYNC_SECONDS = 1.0
 _ROWS_AT_ONCE = 1000
-_TAIL = 1 << 16
 _MEND = "mend or remove it, or run circlecal batch again"
 _GIVE = "give the --out folder of circlecal batch or calibrate"
 
@@ -218,17 +217,6 @@ class ResultLog:
         for line in read_lines(self.path, start):
             yield start, line
             start += len(line)
-
-    def last_line(self) -> bytes | None:
-        """The line that was written last; None where there is none."""
-        size = os.fstat(self._descriptor).st_size
-        with self.path.open("rb") as file:
-            found = b""
-            while size > len(found) and b"\n" not in found[:-1]:
-                reach = min(size, len(found) + _TAIL)
-                file.seek(size - reach)
-                found = file.read(reach)
-        return found.rstrip(b"\n").rpartition(b"\n")[2] or None
 
     def append(self, finished: Finished) -> None:
         """Write one line; it outlives this process at once, and the machine after a second at most.

@@ -25,7 +25,7 @@ from circlecal.pictures.video import Video, frame_time
 from circlecal.pipeline import field_of
 from circlecal.records.cameras_table import CAMERAS_NAME, write_cameras
 from circlecal.records.json_text import GIVE_A_RESULT, parse_record
-from circlecal.records.log import Finished, Place, ResultLog, scan_records
+from circlecal.records.log import Finished, Place, ResultLog, read_records, scan_records
 from circlecal.records.record import ResultRecord, ResultRow
 from circlecal.records.summary import write_summary
 from circlecal.rig.tripod import PLACE, Venue
@@ -105,7 +105,7 @@ def run_track(
         for row in log.index.rows():
             report.progress.count(row.status, row.code)
             report.progress.resumed += 1
-        last = _last_record(log)
+        shots = {row.path: row.track.shot for row in read_records(out, ResultRow) if row.track is not None}
         parts = {video.name: stretches_of(video, run, _last_time_s(log, video)) for video in videos}
         try:
             with contextlib.closing(_surveys(videos, parts, run, out, workers, scheduler, on_survey)) as surveys:
@@ -116,7 +116,7 @@ def run_track(
                         on_error(InputError(venue))
             known = [(part, venue) for name, venue in report.venues.items() for part in parts[name]]
             on_progress(report.progress)
-            writer = _Writer(log, last, report.progress, on_progress)
+            writer = _Writer(log, shots, report.progress, on_progress)
             _track_all(known, run, workers, scheduler, writer, on_note, on_error)
             log.require_in_place()
         except BrokenProcessPool as error:
@@ -161,36 +161,30 @@ def tripod_facts(venue: Venue, template: FieldTemplate) -> Iterator[dict[str, An
 
 
 class _Writer:
-    """Appends frames to the results, with their shots counted over each whole clip."""
+    """Appends frames to the results, with their shots counted over each whole clip, from the last one of each clip by
+    its path that is written: a clip that could not be read to its end goes on after others were finished.
+    """
 
     def __init__(
         self,
         log: ResultLog,
-        last: ResultRow | None,
+        shots: dict[str | None, int],
         progress: BatchProgress,
         on_progress: Callable[[BatchProgress], None],
     ) -> None:
-        self._log, self._progress, self._on_progress = log, progress, on_progress
-        self._path = None if last is None else last.path
-        self._shot = 0 if last is None or last.track is None else last.track.shot
+        self._log, self._shots, self._progress, self._on_progress = log, shots, progress, on_progress
 
     def write(self, tracked: Tracked) -> None:
         """Append a frame, unless it is written already."""
         record = tracked.record
         if self._log.index.find(record.id) is not None:
             return
-        self._shot = 0 if record.path != self._path else self._shot + tracked.is_cut
-        self._path = record.path
-        record = number_shot(record, self._shot)
+        before = self._shots.get(record.path)
+        shot = self._shots[record.path] = 0 if before is None else before + tracked.is_cut
+        record = number_shot(record, shot)
         self._log.append(Finished.of(record))
         self._progress.count(record.status, record.code)
         self._on_progress(self._progress)
-
-
-def _last_record(log: ResultLog) -> ResultRow | None:
-    """The record that was written last."""
-    line = log.last_line()
-    return None if line is None else parse_record(line, ResultRow, str(log.path), GIVE_A_RESULT)
 
 
 def _last_time_s(log: ResultLog, video: Video) -> float | None:
@@ -253,17 +247,20 @@ def _track_all(
             on_note(text)
         told.add(video.name)
 
+    def readable(frames: Iterator[Tracked], name: str) -> Iterator[Tracked]:
+        try:
+            yield from frames
+        except InputError as error:
+            failed.add(name)
+            on_error(error)
+
     with contextlib.closing(_stretch_frames(known, run, workers, scheduler, on_missing)) as parts:
         for stretch, frames in parts:
             name = stretch.video.name
             if name in failed:  # what follows would leave a gap, and the run could not be taken up
                 continue
-            try:
-                for tracked in frames:
-                    writer.write(tracked)
-            except InputError as error:
-                failed.add(name)
-                on_error(error)
+            for tracked in readable(frames, name):
+                writer.write(tracked)
 
 
 def _stretch_frames(

@@ -15,7 +15,7 @@ import pytest
 from circlecal.config import load_config
 from circlecal.errors import InputError
 from circlecal.pictures.video import Sampling, Video, frame_id, frame_time
-from circlecal.records.log import OtherRunError, read_records
+from circlecal.records.log import OtherRunError, ResultLog
 from circlecal.rig.venue import read_venue_file
 from circlecal.tracking import stretches
 from circlecal.tracking.run import run_track
@@ -171,11 +171,12 @@ def test_another_configuration_is_another_run(tmp_path, engine):
 
 
 def test_one_bad_clip_does_not_stop_the_others(tmp_path, engine):
-    videos = [open_clip(tmp_path, "first", 12), open_clip(tmp_path, "second", 12)]
+    videos = [open_clip(tmp_path, "first"), open_clip(tmp_path, "second", 12)]
+    done = scripted.CUT_FRAME + 5
 
     def fail(frames, venue, config):
         for count, frame in enumerate(scripted.track_frames(frames, venue, config)):
-            if count == 5 and fail.armed:
+            if count == done and fail.armed:
                 fail.armed = False
                 raise ZeroDivisionError("mistake")
             yield frame
@@ -184,13 +185,39 @@ def test_one_bad_clip_does_not_stop_the_others(tmp_path, engine):
     engine.setattr(stretches, "track_frames", fail)
     errors: list[Exception] = []
     run_track(videos, clip_run(), tmp_path / "out", on_error=errors.append)
-    assert [str(e) for e in errors] and "first.mp4: internal error after 00:00:00.4" in str(errors[0])
+    assert [str(e) for e in errors] and "first.mp4: internal error after 00:00:02.4" in str(errors[0])
     found = [line["id"].split("_")[0] for line in lines(tmp_path / "out")]
-    assert found == ["first"] * 5 + ["second"] * 12
+    assert found == ["first"] * done + ["second"] * 12
     engine.setattr(stretches, "track_frames", scripted.track_frames)
     run_track(videos, clip_run(), tmp_path / "out")
-    assert len(lines(tmp_path / "out")) == 24
-    assert len(list(read_records(tmp_path / "out"))) == 24
+    run_track(videos, clip_run(), tmp_path / "whole")
+    assert sorted(lines(tmp_path / "out"), key=lambda line: line["id"]) == lines(tmp_path / "whole")
+
+
+def test_a_full_disk_ends_the_run_at_once_and_it_is_taken_up(tmp_path, engine):
+    videos, out, whole = (
+        [open_clip(tmp_path, name, 12) for name in ("first", "second")],
+        tmp_path / "out",
+        tmp_path / "whole",
+    )
+    append, decoded = ResultLog.append, []
+    run_track(videos, clip_run(), whole)
+
+    def fill(log, finished):
+        if len(log.index) == 5:
+            raise InputError("no space left")
+        append(log, finished)
+
+    engine.setattr(ResultLog, "append", fill)
+    engine.setattr(
+        stretches, "track_frames", lambda frames, *rest: scripted.track_frames(watch(frames, decoded), *rest)
+    )
+    with pytest.raises(InputError, match="no space left"):
+        run_track(videos, clip_run(), out, on_error=lambda error: pytest.fail(f"told as one of a clip: {error}"))
+    assert len(lines(out)) == 5 and len(decoded) < 12, "nothing is tracked in vain"
+    engine.setattr(ResultLog, "append", append)
+    run_track(videos, clip_run(), out)
+    assert lines(out) == lines(whole) and (out / "cameras.csv").read_text() == (whole / "cameras.csv").read_text()
 
 
 def test_the_results_of_several_processes_are_those_of_one(tmp_path):
