@@ -507,8 +507,9 @@ def test_narrow_screens_do_not_scroll_sideways(page, report, width):
     assert page.run("const b = document.querySelector('.large-body'); return b.scrollWidth <= b.clientWidth")
 
 
-def test_the_table_of_cameras_is_whole(page, report):
-    page.resize(1400, 900)
+@pytest.mark.parametrize("width", [800, 1400])
+def test_the_table_of_cameras_is_whole(page, report, width):
+    page.resize(width, 900)
     page.open(report)
     page.run("document.querySelector('.wide-table td:nth-child(6)').textContent = '105.26 ± 0.212 x 68.03 ± 0.117'")
     assert page.run("const b = document.querySelector('.wide-table'); return b.scrollWidth <= b.clientWidth")
