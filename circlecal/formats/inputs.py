@@ -99,8 +99,9 @@ def split_inputs(
 
 
 def _files_in(folder: Path, excluded: Collection[Path]) -> list[Path]:
-    resolved = {real_path(path) for path in excluded}
-    return [path for path in walk(folder) if resolved.isdisjoint((real_path(path), *real_path(path).parents))]
+    left_out = {real_path(path) for path in excluded}
+    real = ((path, real_path(path)) for path in walk(folder))
+    return [path for path, resolved in real if left_out.isdisjoint((resolved, *resolved.parents))]
 
 
 def read_frames(

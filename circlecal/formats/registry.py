@@ -50,6 +50,7 @@ def calibration_formats() -> dict[str, AnnotationFormat | CameraFormat]:
     return {**camera_formats(), **derived}
 
 
+@cache
 def annotation_suffixes() -> frozenset[str]:
     """Suffixes of files that hold annotations, cameras or results, in small letters."""
     return frozenset({".jsonl", *(Path(f.file_name).suffix.lower() for f in formats() if isinstance(f, OutsideFormat))})

@@ -104,7 +104,7 @@ def find_frames(inputs: Sequence[str | Path], exclude: Sequence[Path] = ()) -> l
     for given in map(Path, inputs):
         for path, relative in _pictures_of(given):
             resolved = real_path(path)
-            if any(part in excluded for part in (resolved, *resolved.parents)):
+            if excluded and not excluded.isdisjoint((resolved, *resolved.parents)):
                 continue
             if _is_mask(path, given):
                 masks += 1
@@ -162,30 +162,36 @@ def _is_mask(path: Path, given: Path) -> bool:
 
 
 def _assign_ids(found: Sequence[tuple[Path, Path]]) -> list[PictureFile]:
-    candidates = [_id_candidates(path, relative) for path, relative in found]
+    ids = [as_stem(_short_id(relative)) for _, relative in found]
+    longer: dict[int, list[str]] = {}  # of frames whose short id another one has
     level = [0] * len(found)
     while True:
-        ids = [names[min(depth, len(names) - 1)] for names, depth in zip(candidates, level, strict=True)]
         counts = Counter(name.casefold() for name in ids)
         doubled = [index for index, name in enumerate(ids) if counts[name.casefold()] > 1]
-        if not doubled or all(level[index] >= len(candidates[index]) for index in doubled):
+        longer |= {index: _longer_ids(*found[index]) for index in doubled if index not in longer}
+        if not doubled or all(level[index] > len(longer[index]) for index in doubled):
             break
         for index in doubled:
             level[index] += 1
+            ids[index] = longer[index][min(level[index], len(longer[index])) - 1]
     return [
         PictureFile(name, path, relative.with_suffix("").as_posix())
         for name, (path, relative) in zip(ids, found, strict=True)
     ]
 
 
-def _id_candidates(path: Path, relative: Path) -> list[str]:
-    """Ids from the shortest to one that no other file has."""
-    stem = "__".join(relative.with_suffix("").parts)
+def _short_id(relative: Path) -> str:
+    return "__".join(relative.with_suffix("").parts)
+
+
+def _longer_ids(path: Path, relative: Path) -> list[str]:
+    """Ids from the shortest but one to one that no other file has."""
+    stem = _short_id(relative)
     suffixed = f"{stem}-{path.suffix[1:].lower()}" if path.suffix else stem
     parents = path.absolute().parts[1 : -len(relative.parts)]
     longer = ["__".join((*parents[-count:], suffixed)) for count in range(1, len(parents) + 1)]
     exact = f"{suffixed}-{zlib.crc32(os.fsencode(real_path(path))):08x}"
-    return [as_stem(name) for name in (stem, suffixed, *longer, exact)]
+    return [as_stem(name) for name in (suffixed, *longer, exact)]
 
 
 def read_image(path: str | Path, limits: LimitsConfig = DEFAULT_LIMITS) -> NDArray[np.uint8]:
