@@ -22,7 +22,7 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 LAYERS: tuple[frozenset[str], ...] = (
     frozenset({"errors", "__init__"}),
     frozenset({"geometry", "files", "names", "refusals"}),
-    frozenset({"yaml_text"}),
+    frozenset({"yaml_text", "checks"}),
     frozenset({"field"}),
     frozenset({"observations"}),
     frozenset({"results"}),

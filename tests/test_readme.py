@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from circlecal.checks import CHECKS
 from circlecal.config import Config
 from circlecal.overlay.quality import SCALE
 from circlecal.refusals import REFUSALS
@@ -77,6 +78,30 @@ def refusal_rows():
     rows = ["| code | reason | meaning | what helps |", "|---|---|---|---|"]
     rows += [f"| `{r.code}` | {r.words} | {r.meaning} | {r.help} |" for r in REFUSALS.values()]
     return "\n".join(rows)
+
+
+def check_rows():
+    """The table of checks as a page shows it."""
+    rows = ["| check | its value is | must be | limit set by | refuses as |", "|---|---|---|---|---|"]
+    for name, gate in CHECKS.items():
+        option = ", ".join(f"`{one}`" for one in gate.option.split(", ") if one)
+        bound = "at least" if gate.at_least else "at most"
+        rows.append(f"| `{name}` | {gate.measures} | {bound} | {option} | `{gate.code}` |")
+    return "\n".join(rows)
+
+
+def test_the_page_of_checks_is_the_table():
+    page = ROOT / "circlecal" / "stages" / "README.md"
+    shown = page.read_text(encoding="utf-8").split("<!-- checks -->\n")[1].split("\n<!-- /checks -->")[0]
+    assert shown == check_rows(), "write check_rows() between the marks"
+
+
+def test_options_that_set_limits_exist():
+    options = {one for gate in CHECKS.values() for one in gate.option.split(", ") if one}
+    for option in options:
+        section = Config()
+        for key in option.split("."):
+            section = getattr(section, key)
 
 
 def test_the_page_of_refusals_is_the_table():

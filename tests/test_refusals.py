@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from circlecal import detection, stages
-from circlecal.refusals import CHECKS, REFUSALS, explain, refuse, words_of_check
+from circlecal.checks import CHECKS, words_of_check, words_of_limit
+from circlecal.refusals import REFUSALS, explain, refuse
 
 PACKAGE = Path(stages.__file__).parent.parent
 FILES = [file for file in PACKAGE.rglob("*.py") if file.parent.name != "bench"]
@@ -26,7 +27,7 @@ def test_every_code_that_is_raised_stands_in_the_table():
     places = {"refuse": 1, "failure": 0, "Verdict": 1, "record_failure": 2}
     only_intrinsics = {"needs_a_view", "needs_three_views", "views_too_alike", "not_definite", "no_common_plane"}
     raised = {code for file in FILES for code in codes_in(ast.parse(file.read_text(encoding="utf-8")), places)}
-    raised |= {code for code, _ in CHECKS.values()}
+    raised |= {gate.code for gate in CHECKS.values()}
     raised -= {None, *only_intrinsics}
     assert len(raised) > 30
     assert raised <= REFUSALS.keys()
@@ -42,7 +43,7 @@ def test_what_the_detector_says_stands_in_the_table():
     }
     for word in ("no_field", "no_circle_found", "painted_share", "marking_rms_px", "band_width", "whole_share"):
         assert word in words
-        assert (CHECKS[word][0] if word in CHECKS else word) in REFUSALS
+        assert (CHECKS[word].code if word in CHECKS else word) in REFUSALS
 
 
 @pytest.mark.parametrize("refusal", REFUSALS.values(), ids=lambda refusal: refusal.code)
@@ -61,6 +62,12 @@ def test_checks_say_it_in_words_and_keep_their_numbers_to_themselves():
         words = words_of_check(name, "side_line_top")
         assert words and "{" not in words and not re.search(r"\d", words)
     assert words_of_check("marking_residual_px", "kp_3").startswith("kp_3 ")
+
+
+def test_a_limit_says_on_which_side_of_it_a_value_passes():
+    assert words_of_limit("height_m", "150") == "at most 150"
+    assert words_of_limit("lowest_height_m", "1.5") == "at least 1.5"
+    assert words_of_limit("of_a_later_version", "3") == "3"
 
 
 def test_an_unknown_code_is_explained_by_its_stage():

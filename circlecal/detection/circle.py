@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from circlecal.checks import CHECKS
 from circlecal.detection.ellipse_batch import EllipseBatch, adjust_ellipses, ellipse_conic, unit_frame
 from circlecal.detection.options import AcceptanceConfig, ProfilesConfig
 from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.projective import Array, Mask, lift, normalise_line, transform_lines
 from circlecal.paint.bands import MeasuredCurve, measure_curve
 from circlecal.pictures.graphics import lie_under
-from circlecal.refusals import CHECKS
 from circlecal.results import Check
 
 __all__ = [
@@ -344,13 +344,13 @@ def check_circle(
     whole = config.whole_share_with_line if has_halfway else config.whole_share
     band = None if config.even_width else circle.band_width
     return (
-        Check("marking_rms_px", circle.rms_px, rms, circle.rms_px <= rms),
-        *(() if band is None else (Check("band_width", band, THINNEST_BAND, band >= THINNEST_BAND),)),
-        Check("painted_share", circle.least_share, share, circle.least_share >= share),
-        Check("whole_share", circle.whole_share, whole, circle.whole_share >= whole),
+        Check.of("marking_rms_px", circle.rms_px, rms),
+        *(() if band is None else (Check.of("band_width", band, THINNEST_BAND),)),
+        Check.of("painted_share", circle.least_share, share),
+        Check.of("whole_share", circle.whole_share, whole),
     )
 
 
 def find_refusal(checks: tuple[Check, ...]) -> str | None:
     """Code of the first gate that is not passed, or None."""
-    return next((CHECKS[check.name][0] for check in checks if not check.passed), None)
+    return next((CHECKS[check.name].code for check in checks if not check.passed), None)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from circlecal.checks import words_of_limit
 from circlecal.field import FieldTemplate
 from circlecal.field.view import FieldView
 from circlecal.geometry.camera import PlaneCamera
@@ -177,7 +178,7 @@ def _draw_checks(canvas: Canvas, checks: tuple[Check, ...]) -> None:
         (
             name_of(c),
             f"{c.value:.4g}",
-            f"{c.limit:.4g}",
+            words_of_limit(c.name, f"{c.limit:.4g}"),
             "pass" if c.passed else "FAIL",
             SKY if c.passed else REFUSED,
         )
@@ -186,7 +187,7 @@ def _draw_checks(canvas: Canvas, checks: tuple[Check, ...]) -> None:
     if not checks:
         rows = [("no check was reached", "", "", "", WHITE)]
     size = min(canvas.text_px, canvas.height / (1.8 * (len(rows) + 2)), canvas.width / 40.0)
-    stops = np.array([1.0, 18.0, 25.0, 32.0]) * size
+    stops = np.array([1.0, 18.0, 25.0, 36.0]) * size
     canvas.shade(0, 0, stops[-1] + 5 * size, (1.8 * len(rows) + 1.2) * size, share=0.75)
     for number, (*cells, color) in enumerate(rows):
         top = (0.9 + 1.8 * number) * size

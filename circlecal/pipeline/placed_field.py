@@ -259,7 +259,7 @@ def _choose_answer(
     least = LEAST_SHARE if weighed.found_share >= LEAST_SHARE else 0.0
     best = add_checks(replace(best, rivals=rivals), Check("found_share", weighed.found_share, least, True))
     if rivals:
-        check = Check("rival_ratio", ratios[0], RIVAL_RATIO, ratios[0] >= RIVAL_RATIO)
+        check = Check.of("rival_ratio", ratios[0], RIVAL_RATIO)
         best = add_checks(best, check)
         if not check.passed:
             best = refuse_as_open(best, "circle_open")

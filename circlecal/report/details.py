@@ -45,7 +45,7 @@ def frame_details(
         and text on the other run.
     """
     view = None if scene is None else scene.view
-    checks = [[_words(c.name), short(c.value), short(c.limit), c.passed] for c in record.checks]
+    checks = [[words(c.name), short(c.value), short(c.limit), c.passed] for c in record.checks]
     return {
         "facts": [[label, text] for label, text in _facts(record, row) if text],
         "checks": sorted(checks, key=lambda check: bool(check[3])),
@@ -110,8 +110,9 @@ def _camera(camera: CameraRecord) -> Iterator[tuple[str, str]]:
 
 
 def _list(names: Sequence[str]) -> str:
-    return ", ".join(map(_words, names))
+    return ", ".join(map(words, names))
 
 
-def _words(name: str) -> str:
+def words(name: str) -> str:
+    """A name of a check or marking as people read it."""
     return name.replace("_", " ")

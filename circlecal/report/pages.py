@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from circlecal import __version__
+from circlecal.checks import CHECKS
 from circlecal.errors import InputError
 from circlecal.files import is_file, is_folder, prepare_folder, read_file, real_path
 from circlecal.overlay.canvas import Picture
@@ -26,7 +27,7 @@ from circlecal.pictures.files import REPORT_FOLDER, natural_order
 from circlecal.records.json_text import result_line
 from circlecal.refusals import explain
 from circlecal.report.comparison import WORDS, Change, Comparison, compare, count_changes
-from circlecal.report.details import frame_details
+from circlecal.report.details import frame_details, words
 from circlecal.report.drawings import scene_of
 from circlecal.report.figures import Histogram, clock, histogram, short, timelines
 from circlecal.report.originals import Originals
@@ -212,6 +213,7 @@ def _listing(run: StoredRun, media: list[int], compared: list[Comparison]) -> di
         "cameras": cameras,
         "changes": [WORDS[change][0] for change in Change],
         "folder": str(run.folder),
+        "checks": {words(name): [gate.measures, int(gate.at_least)] for name, gate in CHECKS.items()},
         "perFile": DETAILS_PER_FILE,
         "perFolder": PER_FOLDER,
         "columns": columns,

@@ -6,8 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
+from circlecal.checks import CHECKS, words_of_check
 from circlecal.geometry.projective import Array
-from circlecal.refusals import CHECKS, explain, words_of_check
+from circlecal.refusals import explain
 
 Status = Literal["calibrated", "refused"]
 
@@ -100,17 +101,26 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One gate of the verdict: name, measured value, limit, passed or not."""
+    """One gate of the verdict: name, measured value, limit, passed or not.
+
+    Whether its value must be at most or at least the limit is told by :data:`circlecal.checks.CHECKS`.
+    """
 
     name: str
     value: float
     limit: float
     passed: bool
 
+    @property
+    def measures(self) -> str:
+        """What the value is, with its unit; empty for a check that this version does not know."""
+        gate = CHECKS.get(self.name)
+        return "" if gate is None else gate.measures
+
     @classmethod
-    def of(cls, name: str, value: float, limit: float, *, at_least: bool = False) -> Check:
+    def of(cls, name: str, value: float, limit: float) -> Check:
         """The check of a value, which must be finite, against the largest accepted one, or the least."""
-        passed = math.isfinite(value) and (value >= limit if at_least else value <= limit)
+        passed = math.isfinite(value) and (value >= limit if CHECKS[name].at_least else value <= limit)
         return cls(name, float(value), float(limit), bool(passed))
 
 
@@ -127,7 +137,7 @@ class Verdict:
     @classmethod
     def refusal_by(cls, check: Check, checks: tuple[Check, ...], marking: str = "") -> Verdict:
         """The refusal of a frame by a failed check, with all checks, in words that name the marking."""
-        return cls("refused", CHECKS[check.name][0], words_of_check(check.name, marking), "verdict", checks)
+        return cls("refused", CHECKS[check.name].code, words_of_check(check.name, marking), "verdict", checks)
 
     @property
     def help(self) -> str | None:

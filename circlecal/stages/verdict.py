@@ -199,9 +199,7 @@ def judge(attempt: Attempt, template: FieldTemplate, circle: Circle, width: int,
             likely = max(LIKELY_RESIDUAL_PX * unit, RESIDUAL_WIDTHS * mean_paint_width(camera.view, circle, template))
             checks.append(Check.of("likely_residual_px", _worst_of(camera, circle), likely))
         exact = camera is not None and _is_exact(ellipses, camera, template, circle, unit)
-        checks.append(
-            Check.of("confirmations", float(_confirmations(cues, camera, circle, unit) + exact), 1.0, at_least=True)
-        )
+        checks.append(Check.of("confirmations", float(_confirmations(cues, camera, circle, unit) + exact), 1.0))
     if camera is not None and ellipses.least_arc_deg > 0.0:
         checks += _short_arc_checks(attempt, camera, ellipses, cues, circle, unit)
     failed = next((c for c in checks if not c.passed), None)
@@ -274,8 +272,8 @@ def renew_sigmas(verdict: Verdict, camera: CameraFit) -> Verdict:
 def _orientation_checks(H: Array, circle: Circle) -> list[Check]:
     rim = np.asarray(circle.center, dtype=np.float64) + circle.radius_m * _ring()
     return [
-        Check.of("circle_in_front", 1.0 if projects_in_front(H, rim) else 0.0, 1.0, at_least=True),
-        Check.of("not_mirrored", float(np.linalg.det(H)), 0.0, at_least=True),
+        Check.of("circle_in_front", 1.0 if projects_in_front(H, rim) else 0.0, 1.0),
+        Check.of("not_mirrored", float(np.linalg.det(H)), 0.0),
     ]
 
 
@@ -314,8 +312,8 @@ def _short_arc_checks(
     arc_deg = 360.0 - float(np.degrees(gap.max(initial=0.0))) if len(angle) else 0.0
     confirmations = float(_confirmations(cues, camera, circle, unit))
     return [
-        Check.of("arc_deg", arc_deg, MEASURED_SHARE * ellipses.least_arc_deg, at_least=True),
-        Check.of("confirmations", confirmations, 1.0, at_least=True),
+        Check.of("arc_deg", arc_deg, MEASURED_SHARE * ellipses.least_arc_deg),
+        Check.of("confirmations", confirmations, 1.0),
     ]
 
 
@@ -330,7 +328,7 @@ def _is_exact(ellipses: EllipseFits, camera: CameraFit, template: FieldTemplate,
 
 def _landmark_checks(camera: CameraFit, unit: float, config: VerdictConfig) -> list[Check]:
     """Of a frame without the circle: every line, arc and point must lie where the others put it."""
-    checks = [Check.of("field_in_front", float(camera.camera.depth(camera.reference_m)), 0.0, at_least=True)]
+    checks = [Check.of("field_in_front", float(camera.camera.depth(camera.reference_m)), 0.0)]
     if camera.residuals_px:
         _, rms, limit = _worst_marking(camera, unit, config)
         checks.append(Check.of("marking_residual_px", rms, limit))
@@ -363,12 +361,12 @@ def _place_checks(
     shortest = config.focal_widths[0] * float(np.exp(-NOISE_SIGMAS * sigma))
     return [
         Check.of("height_m", -float(view.position_m[2]), config.height_m[1]),
-        Check.of("lowest_height_m", -float(view.position_m[2]), config.height_m[0], at_least=True),
+        Check.of("lowest_height_m", -float(view.position_m[2]), config.height_m[0]),
         Check.of("distance_radii", distance, furthest),
-        Check.of("nearest_radii", distance, config.distance_radii[0], at_least=True),
+        Check.of("nearest_radii", distance, config.distance_radii[0]),
         Check.of("roll_deg", abs(float(np.degrees(view.angles_rad[2]))), config.max_roll_deg),
         Check.of("focal_widths", float(view.focal_px[0]) / view.width, config.focal_widths[1]),
-        Check.of("shortest_focal_widths", float(view.focal_px[0]) / view.width, shortest, at_least=True),
+        Check.of("shortest_focal_widths", float(view.focal_px[0]) / view.width, shortest),
     ]
 
 
@@ -376,7 +374,7 @@ def _surface_checks(camera: CameraFit) -> list[Check]:
     """Whether the ground is no bowl, where its crown was estimated; a dome that is seen upside down is one."""
     if not camera.covariance[CROWN, CROWN]:
         return []
-    return [Check.of("crown_m", camera.surface.crown_m, -HOLLOW_M, at_least=True)]
+    return [Check.of("crown_m", camera.surface.crown_m, -HOLLOW_M)]
 
 
 def _residual_checks(
@@ -503,7 +501,7 @@ def _edge_checks(
     bloom = BLOOM_PX * camera.camera.width / 1920.0
     return [
         Check.of("widest_edge_gap", gap / (predicted + bloom), config.edge_gap_ratio[1]),
-        Check.of("narrowest_edge_gap", gap / predicted, config.edge_gap_ratio[0], at_least=True),
+        Check.of("narrowest_edge_gap", gap / predicted, config.edge_gap_ratio[0]),
     ]
 
 

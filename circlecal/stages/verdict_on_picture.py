@@ -135,7 +135,7 @@ def confirm(verdict: Verdict, camera: CameraFit, cues: Cues, agreement: Agreemen
     painted = verdict.check("painted_share_of_carriers")
     if painted is not None and not is_confirmed_well:
         limit *= float(np.interp(painted.value, WORN_SHARES, WORN_LIMITS))
-    check = Check.of("found_share", agreement.found_share, limit, at_least=True)
+    check = Check.of("found_share", agreement.found_share, limit)
     checks = (*verdict.checks, check)
     return replace(verdict, checks=checks) if check.passed else Verdict.refusal_by(check, checks)
 
@@ -164,7 +164,7 @@ def weigh_evidence(
     longest_bare = LONGEST_BARE_CONFIRMED if lines >= CONFIRMING_LINES and marks > 0 else LONGEST_BARE
     own = (
         Check.of("unexplained_widths", unexplained, MOST_UNEXPLAINED * (1 + further)),
-        Check.of("painted_share_of_carriers", evidence.painted_share, least_painted, at_least=True),
+        Check.of("painted_share_of_carriers", evidence.painted_share, least_painted),
         Check.of("reversal", evidence.reversal, MOST_REVERSAL * (1 + len(camera.named_lines))),
         Check.of("bare_widths", evidence.bare_widths, max(longest_bare, evidence.worn_widths)),
         Check.of("rough_share", ground.rough_share, MOST_ROUGH),
@@ -216,10 +216,10 @@ def confirm_field_lines(
     markings carry it, and of the others that must be in view most are there.
     """
     arcs = used & set(template.circle_by_name)
-    count = Check.of("named_markings", float(len(used) + len(arcs)), float(FEWEST_NAMED), at_least=True)
+    count = Check.of("named_markings", float(len(used) + len(arcs)), float(FEWEST_NAMED))
     checks = (*verdict.checks, count)
     if agreement.expected_px >= EXPECTED_OF_FIELD_WIDTHS * camera.camera.width:
-        checks = (*checks, Check.of("found_share", agreement.found_share, LEAST_FOUND_OF_FIELD, at_least=True))
+        checks = (*checks, Check.of("found_share", agreement.found_share, LEAST_FOUND_OF_FIELD))
     failed = next((check for check in checks if not check.passed), None)
     return replace(verdict, checks=checks) if failed is None else Verdict.refusal_by(failed, checks)
 

@@ -226,7 +226,7 @@ def test_where_circle_and_line_are_worn_as_much_of_the_others_may_be():
     camera, accepted = camera_fit(), verdict(camera_fit())
     missing = Agreement(("a",), np.array([0.3 * camera.camera.width]), np.array([0.13]))
     for painted_share, status in ((0.64, "calibrated"), (0.95, "refused")):
-        worn = Check.of("painted_share_of_carriers", painted_share, 0.55, at_least=True)
+        worn = Check.of("painted_share_of_carriers", painted_share, 0.55)
         told = replace(accepted, checks=(*accepted.checks, worn))
         assert confirm(told, camera, Cues(None, None), missing).status == status
 

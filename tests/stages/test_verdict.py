@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from circlecal.checks import CHECKS
 from circlecal.geometry.camera_parameters import CROWN, INDEX, LOG_FOCAL, PARAMETERS
 from circlecal.geometry.conic_fits import fit_conic
 from circlecal.geometry.conics import circle_conic, transform_conic
 from circlecal.geometry.homography import turn_homography
 from circlecal.geometry.surface import FLAT, Surface
 from circlecal.observations import LineEnd, MarkingKey
-from circlecal.refusals import CHECKS, Confidence
+from circlecal.refusals import Confidence
 from circlecal.results import (
     Attempt,
     CameraFit,
@@ -164,7 +165,9 @@ def test_a_good_camera_is_accepted_with_every_check():
     found = verdict(camera_fit())
     assert (found.status, found.code, found.reason, found.stage) == ("calibrated", None, None, None)
     assert all(check.passed for check in found.checks)
-    assert {check.name for check in found.checks} == set(CHECKS) - WITHOUT_CIRCLE - OF_THE_DETECTOR - OF_THE_PICTURE - {
+    assert {check.name for check in found.checks} == set(
+        CHECKS
+    ) - WITHOUT_CIRCLE - OF_THE_DETECTOR - OF_THE_PICTURE - OF_OTHERS - {
         "confirmations",
         "likely_residual_px",
         "found_share",
@@ -241,6 +244,7 @@ def test_an_end_of_the_halfway_line_alone_must_fit_the_marking_that_it_lies_on()
 
 
 OF_THE_DETECTOR = {"marking_rms_px", "band_width", "painted_share", "whole_share"}
+OF_OTHERS = {"circle_told", "rival_ratio", "missing_markings", "frames_to_confirmed"}
 OF_THE_PICTURE = {
     "unexplained_widths", "painted_share_of_carriers", "bare_widths", "reversal",
     "rough_share", "above_share", "beyond_share", "near_share", "seam_share", "noise_scale",
@@ -329,7 +333,7 @@ def test_every_gate_has_a_code_and_words(camera, code, words, value):
     assert (found.status, found.code, found.stage) == ("refused", code, "verdict")
     assert words in found.reason
     failed = [check for check in found.checks if not check.passed]
-    assert CHECKS[failed[0].name][0] == code
+    assert CHECKS[failed[0].name].code == code
     assert value is None or failed[0].value == pytest.approx(value, rel=0.01, nan_ok=True)
 
 

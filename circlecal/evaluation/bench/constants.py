@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from circlecal.checks import CHECKS
 from circlecal.errors import ConfigError
 from circlecal.evaluation.bench.detect import GOOD_PX, PROFILES, WRONG_PX, compare, profile_config
 from circlecal.pipeline import field_of
 from circlecal.pipeline.other_circles import take_arcs
 from circlecal.pipeline.refinements import calibrate_scene
 from circlecal.pipeline.setting import Scene, Setting, frame_generator, prepare_scene
-from circlecal.refusals import CHECKS
 from circlecal.results import Attempt, Check, Interpretation
 from circlecal.synthetic.sampling import PROFILE_BY_NAME, SceneProfile, render_frame
 

@@ -281,10 +281,17 @@
     facts.replaceChildren(...told.facts.flatMap(([label, text]) => [make("dt", { textContent: label }), make("dd", { textContent: text })]));
     const table = (title, heads, rows) => rows.length ? [make("div", {}, make("h3", { textContent: title }), make("table", {},
       make("thead", {}, make("tr", {}, ...heads.map((head, n) => make("th", { scope: "col", className: n ? "number" : "", textContent: head })))),
-      make("tbody", {}, ...rows.map((row) => make("tr", {}, ...row.map((text, n) => make("td", { className: n ? "number" : "", textContent: text })))))))] : [];
+      make("tbody", {}, ...rows.map((row) => make("tr", {}, ...row.map((text, n) => {
+        const [first, second] = Array.isArray(text) ? text : [text, ""];
+        return make("td", { className: n ? "number" : "", textContent: first }, ...second ? [make("p", { className: "note", textContent: second })] : []);
+      })))))))] : [];
     more.replaceChildren(
       ...table("Against the other run", ["", ""], told.other),
-      ...table("Checks", ["check", "value", "limit", "passed"], told.checks.map(([name, value, limit, passed]) => [name, value, limit, passed ? "✓" : "✕ no"])),
+      ...table("Checks", ["check", "value", "limit", "passed"], told.checks.map(([name, value, limit, passed]) => {
+        const [measures, atLeast] = run.checks[name] ?? ["", null];
+        const bound = atLeast === null ? limit : `${atLeast ? "at least" : "at most"} ${limit}`;
+        return [[name, measures], value, bound, passed ? "✓" : "✕ no"];
+      })),
       ...table("Time", ["stage", "ms"], told.times));
   };
   window.circlecalDetails = (block, content) => {
