@@ -27,6 +27,10 @@ def annotate(
     frame: Annotated[
         str | None, typer.Option("--frame", metavar="ID", help="Frame to begin with. (default: the first to do)")
     ] = None,
+    part: Annotated[
+        str | None,
+        typer.Option("--part", metavar="K/N", help="Only the K-th of N equal parts, for one of several people."),
+    ] = None,
     every: Annotated[
         str | None,
         typer.Option("--every", metavar="TIME|N", help="Of videos: a frame a TIME, or each N-th. (default: 1s)"),
@@ -51,12 +55,12 @@ def annotate(
         raise MissingExtraError(error.name or "starlette", "annotate") from error
     from circlecal.formats.annotation import ANNOTATION_FOLDER
     from circlecal.report.pages import tell_workbench
-    from circlecal.workbench.frames import is_run, list_frames
+    from circlecal.workbench.frames import is_run, list_frames, take_part
     from circlecal.workbench.session import Session
     from circlecal.workbench.store import AnnotationStore
 
     chosen = options.choose_config(config, settings, field, camera_prior=camera_prior, venue=venue)
-    frames = list_frames(inputs, Sampling.parse(every or DEFAULT_EVERY))
+    frames = take_part(list_frames(inputs, Sampling.parse(every or DEFAULT_EVERY)), part)
     runs = [path for path in map(Path, inputs) if is_run(path)]
     folder = out or (runs[0] / ANNOTATION_FOLDER if runs else Path("circlecal-annotations"))
     session = Session(frames, AnnotationStore(folder), chosen)

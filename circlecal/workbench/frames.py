@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -100,6 +101,25 @@ def list_frames(inputs: Sequence[str], sampling: Sampling) -> list[ListedFrame]:
     if not found:
         raise InputError(f"{', '.join(map(str, inputs))}: holds no frames; give a run, pictures, a folder or a video")
     return found
+
+
+def take_part(frames: list[ListedFrame], part: str | None) -> list[ListedFrame]:
+    """The frames of one of several people: of ``"2/4"`` every fourth one, from the second on; all where None.
+
+    Raises
+    ------
+    InputError
+        The part is none, or has no frames.
+    """
+    if part is None:
+        return frames
+    found = re.fullmatch(r"([1-9]\d{0,5})/([1-9]\d{0,5})", part)
+    if found is None or int(found[1]) > int(found[2]):
+        raise InputError(f"--part {part}: must be K/N such as 2/4, the second of four parts")
+    chosen = frames[int(found[1]) - 1 :: int(found[2])]
+    if not chosen:
+        raise InputError(f"--part {part}: is empty; there are {len(frames)} frames")
+    return chosen
 
 
 def _frames_of_run(folder: Path) -> list[ListedFrame]:

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
+from circlecal.checks import CHECKS
 from circlecal.field.view import FieldView
 from circlecal.geometry.camera import Camera, PlaneCamera
 from circlecal.geometry.surface import Surface
@@ -344,6 +345,14 @@ def test_large_view_of_a_calibrated_frame(page):
     for said in ("✓ calibrated", "predicted sigma", "m high", "pan, tilt, roll", "sigma px", "Radar"):
         assert said in text
     page.press("Escape")
+
+
+def test_a_check_says_on_which_side_of_its_limit_it_passes_and_what_it_measures(page):
+    page.run("location.hash = 'frame=1'")
+    page.wait(f"{OPEN} && document.querySelectorAll('#more table').length === 3")
+    row = "[...document.querySelectorAll('#more tr')].find((row) => row.cells[0].textContent === 'lowest height m')"
+    assert page.run(f"return {row}.cells[2].textContent").startswith("at least ")
+    assert page.run(f"return {row}.cells[0].title") == CHECKS["lowest_height_m"].measures
 
 
 def test_missing_pictures_leave_the_rest(page, report):

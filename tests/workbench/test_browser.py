@@ -135,7 +135,7 @@ def test_two_clicks_calibrate_a_refused_frame_and_undo_takes_them_back(browser, 
     assert "refused" in browser.run(f"return {VERDICT}")
     assert "Name one straight marking" in browser.run("return document.getElementById('missing').textContent")
     counted = browser.run("return document.getElementById('count').textContent")
-    assert counted == "3 of 3 frames, 1 to do, 2 not yet looked at"
+    assert counted == "3 of 3 frames, 3 to do, 0 annotated"
     press_at(browser, seen(wide_camera, "side_line_top")[10])
     browser.wait("document.querySelector('.pick[aria-pressed=true]')")
     choose_on_field(browser, "side_line_top")
@@ -176,8 +176,23 @@ def test_a_click_snaps_to_paint_and_a_killed_server_loses_nothing(
     assert stored(out) == before
     assert "penalty arc left" in browser.run("return document.getElementById('markings').textContent")
     browser.console()
+    one_key_confirms(browser, again, out)
     two_windows(browser, again, out)
     keys_alone(browser, again, out)
+
+
+def one_key_confirms(browser, address, out):
+    """What is calibrated is saved as it is, counts as annotated, and the next frame to do is opened."""
+    go_to(browser, address, "good")
+    assert not (out / "good.json").exists()
+    before = int(browser.run("return document.getElementById('count').textContent.match(/(\\d+) annotated/)[1]"))
+    assert "save, next frame" in browser.run("return document.getElementById('confirm').textContent")
+    browser.run("document.activeElement.blur()")
+    browser.press("y")
+    browser.wait(f"document.getElementById('count').textContent.includes('{before + 1} annotated')")
+    browser.wait(f"document.getElementById('title').textContent !== 'good' && {READY}")
+    kept = stored(out, "good")
+    assert kept["touched"] and kept["revision"] == 1
 
 
 def two_windows(browser, address, out):

@@ -3,11 +3,28 @@
 import pytest
 
 from circlecal.config import Config
+from circlecal.errors import InputError
 from circlecal.pictures.video import Sampling
 from circlecal.workbench import session as module
-from circlecal.workbench.frames import list_frames
+from circlecal.workbench.frames import list_frames, take_part
 from circlecal.workbench.session import Session
 from circlecal.workbench.store import AnnotationStore
+
+
+def test_parts_hold_every_frame_once(folder):
+    frames = list_frames([str(folder)], Sampling.parse("1s"))
+    parts = [take_part(frames, f"{k}/2") for k in (1, 2)]
+    assert sorted(frame.file.id for part in parts for frame in part) == sorted(frame.file.id for frame in frames)
+    assert [len(part) for part in parts] == [2, 1]
+    assert take_part(frames, None) == frames
+
+
+@pytest.mark.parametrize(
+    ("part", "told"), [("3/2", "such as 2/4"), ("0/2", "such as"), ("half", "such as"), ("4/4", "3 frames")]
+)
+def test_a_part_that_is_none_is_refused(folder, part, told):
+    with pytest.raises(InputError, match=told):
+        take_part(list_frames([str(folder)], Sampling.parse("1s")), part)
 
 
 @pytest.mark.parametrize("asked", ["show", "save", "interpretations"])

@@ -279,18 +279,20 @@
     element("show-heat").disabled = !told.sigma;
     layered();
     facts.replaceChildren(...told.facts.flatMap(([label, text]) => [make("dt", { textContent: label }), make("dd", { textContent: text })]));
+    const cell = (content, n) => {  // a text, or one with what it means, which is shown where it matters
+      const [text, meaning, matters] = Array.isArray(content) ? content : [content, "", false];
+      const note = matters && meaning ? [make("p", { className: "note", textContent: meaning })] : [];
+      return make("td", { className: n ? "number" : "", title: meaning, textContent: text }, ...note);
+    };
     const table = (title, heads, rows) => rows.length ? [make("div", {}, make("h3", { textContent: title }), make("table", {},
       make("thead", {}, make("tr", {}, ...heads.map((head, n) => make("th", { scope: "col", className: n ? "number" : "", textContent: head })))),
-      make("tbody", {}, ...rows.map((row) => make("tr", {}, ...row.map((text, n) => {
-        const [first, second] = Array.isArray(text) ? text : [text, ""];
-        return make("td", { className: n ? "number" : "", textContent: first }, ...second ? [make("p", { className: "note", textContent: second })] : []);
-      })))))))] : [];
+      make("tbody", {}, ...rows.map((row) => make("tr", {}, ...row.map(cell))))))] : [];
     more.replaceChildren(
       ...table("Against the other run", ["", ""], told.other),
       ...table("Checks", ["check", "value", "limit", "passed"], told.checks.map(([name, value, limit, passed]) => {
         const [measures, atLeast] = run.checks[name] ?? ["", null];
         const bound = atLeast === null ? limit : `${atLeast ? "at least" : "at most"} ${limit}`;
-        return [[name, measures], value, bound, passed ? "✓" : "✕ no"];
+        return [[name, measures, !passed], value, bound, passed ? "✓" : "✕ no"];
       })),
       ...table("Time", ["stage", "ms"], told.times));
   };

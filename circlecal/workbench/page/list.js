@@ -3,6 +3,9 @@ const ROW = 40;
 const make = (tag, properties, ...inside) => { const node = Object.assign(document.createElement(tag), properties); node.append(...inside); return node; };
 const clock = (s) => `${Math.floor(s / 60)}:${String(Math.floor(s % 60)).padStart(2, "0")}`;
 
+/** Whether somebody should look at a frame: refused or doubtful, or not calibrated yet, and nothing was said of it. */
+export const isToDo = ([, state, , , , annotated, flag]) => !flag && (state === "refused" || state === "doubtful" || (state === "unknown" && !annotated));
+
 export class FrameList {
   constructor(element, rows, open) {
     this.element = element;
@@ -20,7 +23,7 @@ export class FrameList {
   keep(kind, text) {
     const wanted = text.trim().toLowerCase();
     const fits = {
-      "": () => true, todo: (f) => (f[1] === "refused" || f[1] === "doubtful") && !f[6], refused: (f) => f[1] === "refused", doubtful: (f) => f[1] === "doubtful",
+      "": () => true, todo: isToDo, refused: (f) => f[1] === "refused", doubtful: (f) => f[1] === "doubtful",
       calibrated: (f) => f[1] === "calibrated" || f[1] === "doubtful", annotated: (f) => f[5], flagged: (f) => f[6],
     }[kind];
     this.shown = this.frames.map((frame, k) => k).filter((k) => fits(this.frames[k]) && (!wanted || `${this.frames[k][0]} ${this.frames[k][2] || ""}`.toLowerCase().includes(wanted)));
@@ -46,7 +49,7 @@ export class FrameList {
     const first = Math.max(0, Math.floor(this.element.scrollTop / ROW) - 3), count = Math.ceil(this.element.clientHeight / ROW) + 6;
     this.rows.replaceChildren(...this.shown.slice(first, first + count).map((index, k) => {
       const [id, state, code, sigma, time, annotated, flag] = this.frames[index];
-      const told = flag ? flag.replace("_", " ") : state === "refused" ? (code || "refused").replaceAll("_", " ") : sigma === null || sigma === undefined ? (state === "unknown" ? "not yet looked at" : state) : `${state}, ${sigma.toFixed(1)} px`;
+      const told = flag ? flag.replace("_", " ") : state === "refused" ? (code || "refused").replaceAll("_", " ") : sigma === null || sigma === undefined ? (state !== "unknown" ? state : annotated ? "annotated" : "not yet looked at") : `${state}, ${sigma.toFixed(1)} px`;
       const row = make("div", { className: `frame ${state}`, role: "option", ariaSelected: String(index === this.current), id: `frame-${index}`, title: id },
         make("i", {}), make("span", {}, make("b", { textContent: id }), make("small", { textContent: time === null ? told : `${clock(time)}  ${told}` })), make("em", { textContent: annotated ? "✓" : "", title: annotated ? "annotated" : "" }));
       row.style.top = `${(first + k) * ROW}px`;

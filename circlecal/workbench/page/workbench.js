@@ -1,7 +1,7 @@
 // The workbench: what is chosen, what is changed, undo, saving, and everything around picture and field.
 import * as net from "./net.js";
 import { FieldMap } from "./field.js";
-import { FrameList } from "./list.js";
+import { FrameList, isToDo } from "./list.js";
 import { Stage } from "./stage.js";
 
 const by = (id) => document.getElementById(id);
@@ -38,7 +38,12 @@ const change = (act) => {
   future.length = 0;
   stored();
 };
-const stored = () => { unsaved = true; offers = []; draw(); push(); };
+const stored = () => { unsaved = true; offers = []; draw(); return push(); };
+const confirm = async () => {  // what is calibrated, as it is: saved, and on to the next frame
+  if (answer.status !== "calibrated") return;
+  await stored();
+  if (!by("conflict").open && !by("trouble").open) list.step(1, isToDo) || list.step(1);
+};
 const undo = (from, to) => {
   if (!from.length) return;
   to.push(content());
@@ -134,9 +139,8 @@ const open = guarded(async (wanted) => {
 const listed = () => {
   list.keep(by("kind").value, by("search").value);
   list.select(index);
-  const todo = list.frames.filter((f) => (f[1] === "refused" || f[1] === "doubtful") && !f[6]).length;
-  const unseen = list.frames.filter((f) => f[1] === "unknown").length;
-  by("count").textContent = `${list.shown.length} of ${list.frames.length} ${list.frames.length === 1 ? "frame" : "frames"}, ${todo} to do${unseen ? `, ${unseen} not yet looked at` : ""}`;
+  const todo = list.frames.filter(isToDo).length, done = list.frames.filter((f) => f[5]).length;
+  by("count").textContent = `${list.shown.length} of ${list.frames.length} ${list.frames.length === 1 ? "frame" : "frames"}, ${todo} to do, ${done} annotated`;
 };
 
 // --- naming and marking
@@ -234,6 +238,7 @@ const tell = () => {
     button.addEventListener("mouseenter", () => show(true)); button.addEventListener("mouseleave", () => show(false));
     buttons.push(button);
   });
+  if (good && !annotation.flag && !list?.frames[index]?.[5]) buttons.push(make("button", { type: "button", id: "confirm", onclick: guarded(confirm) }, "It does: save, next frame ", make("kbd", { textContent: "y" })));
   if (!buttons.length && searches && answer.status !== "calibrated") buttons.push(make("small", { textContent: "Looking for names that fit …" }));
   by("offers").replaceChildren(...buttons);
   by("active").textContent = active ? `marking: ${words(active)}` : chosen >= 0 ? "which marking is it?" : "";
@@ -299,7 +304,8 @@ const onKey = (event) => {
   else if (own) pick(own.name);
   else if (event.key === "a") accept();
   else if (event.key === "x" || event.key === "Delete" || event.key === "Backspace") { if (marking) { const k = chosen; chosen = -1; named(k, null); } }
-  else if (event.key === "n") { if (!list.step(1, (f) => (f[1] === "refused" || f[1] === "doubtful") && !f[6])) by("saved").textContent = "no further frame to do"; }
+  else if (event.key === "y") guarded(confirm)();
+  else if (event.key === "n") nextToDo();
   else if (event.key === "j" || event.key === "k") list.step(event.key === "j" ? 1 : -1);
   else if (event.key === "v") tick("show-template");
   else if (event.key === "m") tick("show-heat");
@@ -313,6 +319,7 @@ const onKey = (event) => {
   event.preventDefault();
 };
 
+const nextToDo = () => { if (!list.step(1, isToDo)) by("saved").textContent = "no further frame to do"; };
 const setTheme = (name) => {
   if (name) document.documentElement.dataset.theme = name;
   const dark = name ? name === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
@@ -336,7 +343,8 @@ const start = guarded(async () => {
   setTheme(null);
   const wanted = decodeURIComponent(location.hash.slice(1)), found = list.frames.findIndex((f) => f[0] === wanted);
   listed();
-  await open(found < 0 ? list.shown[0] : found);
+  const first = list.shown.find((k) => isToDo(list.frames[k])) ?? list.shown[0];
+  await open(found < 0 ? first : found);
   document.body.dataset.ready = "yes";
 });
 
@@ -346,7 +354,7 @@ by("undo").addEventListener("click", () => undo(past, future));
 by("redo").addEventListener("click", () => undo(future, past));
 by("previous").addEventListener("click", () => list.step(-1));
 by("next").addEventListener("click", () => list.step(1));
-by("next-refused").addEventListener("click", () => list.step(1, (f) => (f[1] === "refused" || f[1] === "doubtful") && !f[6]));
+by("next-refused").addEventListener("click", nextToDo);
 by("kind").addEventListener("change", listed);
 by("search").addEventListener("input", listed);
 for (const id of ["show-template", "show-heat"]) by(id).addEventListener("change", draw);
