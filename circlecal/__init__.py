@@ -2,7 +2,32 @@
 
 >>> import circlecal
 >>> frame = circlecal.calibrate("frame.jpg")  # doctest: +SKIP
->>> frame.to_field([[640, 360]])  # doctest: +SKIP
+
+Whether, and where the camera stands:
+
+>>> frame.ok, frame.reason, frame.help, frame.checks  # doctest: +SKIP
+>>> frame.K, frame.R, frame.t, frame.dist, frame.position_m  # as OpenCV takes them  # doctest: +SKIP
+
+Between pixels and metres, with standard deviations or covariances:
+
+>>> frame.to_field([[640, 360]], sigma=True), frame.field_covariance([[640, 360]])  # doctest: +SKIP
+>>> frame.to_image([[0, 0], [52.5, 0]]), frame.image_covariance([[0, 0]])  # doctest: +SKIP
+
+What it was made of: the circle's conic in the picture, the paper's eight points and tangents, the case that gave them;
+``set={"correspondences.case": 3}`` asks for one of the three:
+
+>>> frame.attempt.ellipses.primary.conic  # doctest: +SKIP
+>>> frame.attempt.correspondences.points, frame.attempt.correspondences.tangents  # doctest: +SKIP
+>>> frame.attempt.correspondences.case, frame.attempt.correspondences.imaged_center  # doctest: +SKIP
+
+To files, and to other programs:
+
+>>> frame.save("frame.json"), frame.export("soccernet", "cameras")  # doctest: +SKIP
+>>> circlecal.load("frame.json") == frame  # doctest: +SKIP
+
+Pixels count from the centre of the top-left one. Field points are metres from the centre mark: x to the right along the
+length, y towards the main camera, z down. :func:`calibrate_points` needs clicked points and no picture,
+:func:`calibrate_video` and :func:`track` go through videos, :func:`load` opens results.
 """
 
 from __future__ import annotations

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 from circlecal.geometry.projective import Array
+from circlecal.geometry.short_repr import ShortRepr
 
 CircleEdge = Literal["outer", "inner", "center"]
 _EDGES: tuple[CircleEdge, ...] = get_args(CircleEdge)
@@ -37,8 +38,8 @@ class MarkingKey:
         return cls(text) if edge is None else cls(name, edge)
 
 
-@dataclass(frozen=True, slots=True)
-class CirclePoints:
+@dataclass(frozen=True, slots=True, repr=False)
+class CirclePoints(ShortRepr):
     """Points on one edge, or on the centreline (``"center"``), of one circular marking.
 
     Attributes
@@ -74,8 +75,8 @@ class LineEnd:
     crossed: bool
 
 
-@dataclass(frozen=True, slots=True)
-class LinePoints:
+@dataclass(frozen=True, slots=True, repr=False)
+class LinePoints(ShortRepr):
     """Points on the centreline of one straight marking.
 
     ``line`` is the template's name, or None while it is not known which one it is; ``ends`` are those that are seen.

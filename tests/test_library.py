@@ -27,6 +27,13 @@ CALLS = {
     "c.to_image([[0, 0]], sigma=True).sigma.shape": (1,),
     "c.to_field([[480, 270]]).shape": (1, 2),
     "c.to_field([[480, 270]], sigma=True).sigma.shape": (1,),
+    "c.to_image([[52.5, 0, -2.44]]).shape": (1, 2),
+    "c.image_covariance([[0, 0]]).shape": (1, 2, 2),
+    "c.field_covariance([480, 270]).shape": (2, 2),
+    "[path.name for path in c.export('soccernet', folder)]": ["camera_good.json"],
+    "c.attempt.ellipses.primary.conic.shape": (3, 3),
+    "len(c.attempt.correspondences.points), len(c.attempt.correspondences.tangents)": (8, 8),
+    "c.checks[0].measures != ''": True,
     "c.transformer().transform_points([[480, 270]]).shape": (1, 2),
     "c.H_image_field.shape": (3, 3),
     "c.H_field_image.shape": (3, 3),
@@ -117,11 +124,42 @@ def test_nan_where_the_field_is_not_seen(good):
     assert np.isnan(behind.points).all() and np.isnan(behind.sigma).all()
 
 
-@pytest.mark.parametrize("points", [3.0, [1.0, 2.0, 3.0], [[1.0], [2.0]]])
+@pytest.mark.parametrize("points", [3.0, [1.0, 2.0, 3.0, 4.0], [[1.0], [2.0]]])
 def test_points_of_another_shape(good, points):
-    for convert in (good.to_image, good.to_field):
+    for convert in (good.to_image, good.to_field, good.image_covariance, good.field_covariance):
         with pytest.raises(ValueError, match="shape"):
             convert(points)
+    with pytest.raises(ValueError, match=r"\(\.\.\., 2\), not \(3,\)"):
+        good.to_field([1.0, 2.0, 3.0])
+
+
+def test_points_in_space_are_seen_where_opencv_projects_them(good):
+    crossbar = np.array([[52.5, -3.66, -2.44], [10.0, 5.0, -8.0]])
+    drawn, _ = cv2.projectPoints(crossbar, cv2.Rodrigues(good.R)[0], good.t, good.K, good.dist)
+    found = good.to_image(crossbar, sigma=True)
+    assert np.allclose(found.points, drawn[:, 0], atol=1e-6)
+    assert np.isnan(found.sigma).all()
+
+
+def test_covariances_have_the_variance_that_sigma_tells(good):
+    seen, placed = good.to_image(CENTRE_AND_RIM, sigma=True), good.to_field([[480, 270], [480, -3000]], sigma=True)
+    own = (good.image_covariance(CENTRE_AND_RIM), good.field_covariance([[480, 270], [480, -3000]]))
+    for sigma, covariances in zip((seen.sigma, placed.sigma), own, strict=True):
+        assert np.allclose(np.sqrt(np.trace(covariances, axis1=-2, axis2=-1)), sigma, equal_nan=True)
+    assert np.isnan(own[1][1]).all()
+
+
+def test_an_export_of_a_refused_frame_and_an_unknown_format(good, refused, tmp_path):
+    assert refused.export("soccernet", tmp_path) == []
+    with pytest.raises(InputError, match=r"^format colmap: .*known: .*soccernet"):
+        good.export("colmap", tmp_path)
+
+
+def test_intermediates_print_short(good):
+    for found in (good.attempt, good.attempt.ellipses.primary, good.attempt.correspondences, good.view):
+        assert len(repr(found)) < 2500
+        assert repr(found).startswith(f"{type(found).__name__}(")
+    assert "points_px=<array (" in repr(good.attempt.ellipses.primary)
 
 
 def test_opencv_takes_the_camera(good, frame_image):

@@ -18,6 +18,8 @@ from circlecal.api.transformer import ViewTransformer
 from circlecal.errors import InputError
 from circlecal.field import FieldTemplate, load_field
 from circlecal.field.view import FieldView
+from circlecal.formats.exports import Exports
+from circlecal.formats.registry import calibration_formats, require_format
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.projective import Array
 from circlecal.pictures.files import as_bgr, read_image
@@ -155,8 +157,9 @@ class Calibration:
 
         Parameters
         ----------
-        points_m : (..., 2) array
-            Field points, metres.
+        points_m : (..., 2) or (..., 3) array
+            Field points, metres; or points in space with z, which points down from the level of the centre mark: the
+            middle of a crossbar is at ``(52.5, 0, -2.44)``.
         sigma : bool
             Whether to return their standard deviations too.
 
@@ -165,9 +168,25 @@ class Calibration:
         (..., 2) array, or SurePoints with ``points`` (..., 2) and ``sigma`` (...,)
             Pixels, also of what lies outside the picture; nan behind the camera, where the lens model folds back, and
             for a refused frame. The standard deviation is that of the length of the error, pixels; nan where it is not
-            known.
+            known, as for points in space.
         """
-        return self._answer(points_m, None if self.view is None else self.view.project, sigma)
+        return self._answer(points_m, None if self.view is None else self.view.project, sigma, (2, 3))
+
+    def image_covariance(self, points_m: ArrayLike) -> Array:
+        """Covariances (..., 2, 2), pixels squared, of where field points (..., 2) are seen; nan where not known.
+
+        ``to_image(points_m, sigma=True).sigma`` is the root of their traces.
+        """
+        points = _points(points_m)
+        return np.full((*points.shape, 2), np.nan) if self.view is None else self.view.image_covariance(points)
+
+    def field_covariance(self, points_px: ArrayLike) -> Array:
+        """Covariances (..., 2, 2), square metres, of the field points seen at pixels (..., 2); nan where not known.
+
+        ``to_field(points_px, sigma=True).sigma`` is the root of their traces.
+        """
+        points = _points(points_px)
+        return np.full((*points.shape, 2), np.nan) if self.view is None else self.view.field_covariance(points)
 
     @overload
     def to_field(self, points_px: ArrayLike, sigma: Literal[False] = False) -> Array: ...
@@ -194,13 +213,10 @@ class Calibration:
         return self._answer(points_px, None if self.view is None else self.view.to_field, sigma)
 
     @staticmethod
-    def _answer(points: ArrayLike, convert: Any, sigma: bool) -> Array | SurePoints:
-        given = np.asarray(points, dtype=np.float64)
-        given = given.reshape(0, 2) if given.shape == (0,) else given  # a frame without players
-        if given.ndim == 0 or given.shape[-1] != 2:
-            raise ValueError(f"points must be of shape (..., 2), not {given.shape}")
+    def _answer(points: ArrayLike, convert: Any, sigma: bool, entries: tuple[int, ...] = (2,)) -> Array | SurePoints:
+        given = _points(points, entries)
         if convert is None:
-            nowhere = np.full(given.shape, np.nan)
+            nowhere = np.full((*given.shape[:-1], 2), np.nan)
             return SurePoints(nowhere, nowhere[..., 0]) if sigma else nowhere
         if not sigma:
             return convert(given)
@@ -309,7 +325,14 @@ class Calibration:
 
     @property
     def attempt(self) -> Attempt:
-        """What each stage reached: ``attempt.ellipses``, ``attempt.correspondences``, ``attempt.camera`` and others."""
+        """What each stage reached; None where it was not.
+
+        ``attempt.ellipses.primary.conic`` is the image of the circle, ``attempt.correspondences`` the paper's eight
+        ``points`` and ``tangents`` with its ``case``, ``imaged_center`` and ``vanishing_line``, ``attempt.homography``
+        their DLT, ``attempt.camera`` the camera with its covariance.
+
+        See :class:`circlecal.results.Attempt`.
+        """
         return self.found.attempt
 
     @property
@@ -405,6 +428,36 @@ class Calibration:
         write_result(file, self._record)
         return file
 
+    def export(self, format: str, folder: str | Path, size: tuple[int, int] | None = None) -> list[Path]:
+        """Write the calibration for another program, as ``circlecal calibrate --to`` does.
+
+        Parameters
+        ----------
+        format : str
+            Such as ``"soccernet"``, ``"tvcalib"`` or ``"coco"``; all are explained in ``circlecal/formats``.
+        folder : path
+            Where; made where it is missing.
+        size : (int, int), optional
+            Width and height of the pictures in which the written camera counts; the frame's own when None.
+
+        Returns
+        -------
+        list of path
+            The files; none of a refused frame in a format of cameras.
+
+        Raises
+        ------
+        InputError
+            An unknown format, or a file that cannot be written.
+        """
+        require_format(format, calibration_formats(), "format", "format that can be written")
+        exports = Exports([format], Path(folder), size)
+        named = None if self._record.field is None else self._record.field.circle
+        circle = self.field.circle_by_name[named or self.field.default_circle]
+        exports.add(self._record, self.field, circle, None if self.source is None else Path(self.source).name)
+        exports.finish()
+        return exports.written
+
     # --- as a value
 
     @cached_property
@@ -469,6 +522,15 @@ class Calibration:
         _, content = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _SHOWN_QUALITY])
         text = base64.b64encode(content.tobytes()).decode()
         return f"<img alt='{html.escape(self.id)}' src='data:image/jpeg;base64,{text}'>"
+
+
+def _points(points: ArrayLike, entries: tuple[int, ...] = (2,)) -> Array:
+    given = np.asarray(points, dtype=np.float64)
+    given = given.reshape(0, 2) if given.shape == (0,) else given  # a frame without players
+    if given.ndim == 0 or given.shape[-1] not in entries:
+        allowed = " or ".join(f"(..., {n})" for n in entries)
+        raise ValueError(f"points must be of shape {allowed}, not {given.shape}")
+    return given
 
 
 def _array(value: Matrix | None) -> Array | None:

@@ -14,8 +14,9 @@ from numpy.typing import ArrayLike
 
 from circlecal.field import FieldTemplate
 from circlecal.geometry.camera import Camera, PlaneCamera
-from circlecal.geometry.camera_parameters import ProjectionModel, project, theta_of
+from circlecal.geometry.camera_parameters import Projection, ProjectionModel, project, theta_of
 from circlecal.geometry.projective import Array, Mask
+from circlecal.geometry.short_repr import ShortRepr
 from circlecal.geometry.surface import FLAT, Surface
 
 _CURVE_STEPS = 420.0
@@ -32,8 +33,8 @@ class Projected(NamedTuple):
     sigma: Array | None
 
 
-@dataclass(frozen=True, slots=True)
-class FieldView:
+@dataclass(frozen=True, slots=True, repr=False)
+class FieldView(ShortRepr):
     """A field before a camera.
 
     Attributes
@@ -64,18 +65,22 @@ class FieldView:
 
         Parameters
         ----------
-        points_m : (..., 2) array
-            Field points, metres.
+        points_m : (..., 2) or (..., 3) array
+            Points on the field, or points in space, metres; z points down from the level of the centre mark.
         sigma : bool
             Whether their standard deviations are returned too.
 
         Returns
         -------
         (..., 2) array or Projected
-            Pixels of the stored picture, also outside its borders; nan behind the camera and where the lens model folds
-            back. The standard deviations are in pixels.
+            Pixels of the stored picture, also outside its borders; nan behind the camera, where the lens model folds
+            back, and of points in space where only a homography is known. The standard deviations are in pixels; nan
+            for points in space.
         """
         points = np.asarray(points_m, dtype=np.float64)
+        if points.shape[-1] == 3:
+            pixels = self._project_space(points)
+            return Projected(pixels, np.full(pixels.shape[:-1], np.nan)) if sigma else pixels
         pixels = self.camera.project(self.surface.lift(points))
         return Projected(pixels, self._sigma(points, pixels, 0)) if sigma else pixels
 
@@ -104,6 +109,16 @@ class FieldView:
         pixels = np.asarray(points_px, dtype=np.float64)
         points = self.camera.back_project(pixels, self.surface)
         return Projected(points, self._sigma(points, pixels, 1)) if sigma else points
+
+    def image_covariance(self, points_m: ArrayLike) -> Array:
+        """Covariances (..., 2, 2), pixels squared, of where field points (..., 2) are seen; nan where not known."""
+        points = np.asarray(points_m, dtype=np.float64)
+        return self._covariance(points, self.project(points), 0)
+
+    def field_covariance(self, points_px: ArrayLike) -> Array:
+        """Covariances (..., 2, 2), square metres, of the field points seen at pixels (..., 2); nan where not known."""
+        pixels = np.asarray(points_px, dtype=np.float64)
+        return self._covariance(self.to_field(pixels), pixels, 1)
 
     def shows(self, points_px: ArrayLike, margin_px: float = 0.0) -> Mask:
         """Whether pixels (..., 2) lie in the picture, or at most so far outside the centres of its outermost pixels."""
@@ -149,14 +164,30 @@ class FieldView:
         moves, stretches = template.growth_of(marking_m)
         return np.asarray(marking_m + self.growth_m * (moves + stretches * marking_m))
 
+    def _project_space(self, points_m: Array) -> Array:
+        """Pixels (..., 2) of points (..., 3) in space."""
+        if isinstance(self.camera, Camera):
+            return self.camera.project(points_m)
+        return np.where(points_m[..., 2:] == 0.0, self.camera.project(points_m), np.nan)
+
     def _sigma(self, points_m: Array, points_px: Array, frame: Literal[0, 1]) -> Array | None:
         """Standard deviations (...,) in the picture (0) or on the ground (1); nan where either point is."""
         if self.covariance is None or not isinstance(self.camera, Camera):
             return None
-        model = ProjectionModel.of(self.camera, self.surface)
-        theta = theta_of(self.camera, model, self.surface.crown_m)
         seen = np.isfinite(points_m).all(axis=-1) & np.isfinite(points_px).all(axis=-1)
         sigma = np.full(seen.shape, np.nan)
         if seen.any():
-            sigma[seen] = project(theta[None], points_m[seen][None], model).sigma(self.covariance)[frame]
+            sigma[seen] = self._projection(self.camera, points_m[seen]).sigma(self.covariance)[frame]
         return sigma
+
+    def _covariance(self, points_m: Array, points_px: Array, frame: Literal[0, 1]) -> Array:
+        """Covariances (..., 2, 2) in the picture (0) or on the ground (1); nan where either point is, or unknown."""
+        seen = np.isfinite(points_m).all(axis=-1) & np.isfinite(points_px).all(axis=-1)
+        found = np.full((*seen.shape, 2, 2), np.nan)
+        if seen.any() and self.covariance is not None and isinstance(self.camera, Camera):
+            found[seen] = self._projection(self.camera, points_m[seen]).covariances(self.covariance)[frame]
+        return found
+
+    def _projection(self, camera: Camera, points_m: Array) -> Projection:
+        model = ProjectionModel.of(camera, self.surface)
+        return project(theta_of(camera, model, self.surface.crown_m)[None], points_m[None], model)

@@ -267,6 +267,18 @@ class Projection:
             ground = ((d * d + c * c) * xx - 2.0 * (b * d + a * c) * xy + (a * a + b * b) * yy) / (a * d - b * c) ** 2
         return np.sqrt(xx + yy), np.sqrt(np.maximum(ground, 0.0))
 
+    def covariances(self, covariance: Array) -> tuple[Array, Array]:
+        """Covariances of the places of the first camera's points: (N, 2, 2) in pixels, and (N, 2, 2) in metres of the
+        field point that is seen at a given pixel: ``J S J^T`` and ``F^-1 J S J^T F^-T``, as of :meth:`sigma`.
+        """
+        by_theta, by_field = (derivatives[0] for derivatives in self.jacobians())
+        own = slice(0, INDEX["width"])
+        image = by_theta[..., own] @ covariance[own, own] @ np.swapaxes(by_theta[..., own], -1, -2)
+        back = np.full_like(by_field, np.nan)
+        sound = np.abs(np.linalg.det(by_field)) > 0.0
+        back[sound] = np.linalg.inv(by_field[sound])
+        return image, back @ image @ np.swapaxes(back, -1, -2)
+
     def _axes(self) -> Array:
         """Unit vectors (2, B, 2, N) of the picture at every point."""
         axes = np.zeros((2, *self.normalised.shape))

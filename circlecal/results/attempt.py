@@ -9,6 +9,7 @@ from circlecal.field import FieldTemplate
 from circlecal.field.view import FieldView
 from circlecal.geometry.camera import PlaneCamera
 from circlecal.geometry.projective import Array
+from circlecal.geometry.short_repr import ShortRepr
 from circlecal.observations import Observations
 from circlecal.results.estimates import CameraFit, Correspondences, HomographyFit
 from circlecal.results.seen import Cues, EdgePoints, EllipseFits, MarkingMask, RayPoints
@@ -45,8 +46,8 @@ class Rival:
     evidence: float
 
 
-@dataclass(frozen=True, slots=True)
-class Attempt:
+@dataclass(frozen=True, slots=True, repr=False)
+class Attempt(ShortRepr):
     """What the stages made of one frame with one circle: each stage's result, None where it was not reached.
 
     Attributes

@@ -10,6 +10,7 @@ from circlecal.field.view import FieldView
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel
 from circlecal.geometry.projective import Array, apply_homography
+from circlecal.geometry.short_repr import ShortRepr
 from circlecal.geometry.surface import Surface
 from circlecal.observations import MarkingKey
 from circlecal.results.numbers import show_with_sigma
@@ -49,8 +50,8 @@ class LineCorrespondence:
     image_line: Array
 
 
-@dataclass(frozen=True, slots=True)
-class Correspondences:
+@dataclass(frozen=True, slots=True, repr=False)
+class Correspondences(ShortRepr):
     """Stage ``correspondences``: the paper's points and tangents.
 
     Attributes
@@ -79,8 +80,8 @@ class Correspondences:
     tangents: tuple[LineCorrespondence, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class HomographyFit:
+@dataclass(frozen=True, slots=True, repr=False)
+class HomographyFit(ShortRepr):
     """Stage ``homography``: the DLT on points and lines, both directions, and the solution of the turned field."""
 
     H_image_field: Array
@@ -135,8 +136,8 @@ class FieldSize:
         return f"length {length}, width {width} m, {'usual' if self.is_usual else 'estimated'}"
 
 
-@dataclass(frozen=True, slots=True)
-class HomographyRegion:
+@dataclass(frozen=True, slots=True, repr=False)
+class HomographyRegion(ShortRepr):
     """Where the true homography lies, told by the pixels of four field points, far from each other in the picture.
 
     Four points and their pixels are a homography (Baker, Datta and Kanade, Parameterizing Homographies, 2006). In their
@@ -200,8 +201,8 @@ class RoughCamera:
     names_by_line: dict[int, str] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True)
-class CameraFit:
+@dataclass(frozen=True, slots=True, repr=False)
+class CameraFit(ShortRepr):
     """Stage ``camera``: maximum a posteriori pinhole camera with its covariance.
 
     Attributes

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from circlecal.geometry.ellipses import Ellipse
 from circlecal.geometry.projective import Array
+from circlecal.geometry.short_repr import ShortRepr
 from circlecal.observations import CircleEdge, LineEnd
 from circlecal.refusals import Confidence
 from circlecal.results.verdict import Check
@@ -63,8 +64,8 @@ class CircleCandidate:
     checks: tuple[Check, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class MarkingMask:
+@dataclass(frozen=True, slots=True, repr=False)
+class MarkingMask(ShortRepr):
     """Stage ``mask``: where the markings are.
 
     Attributes
@@ -118,8 +119,8 @@ class MarkingMask:
         return self.drawn() if callable(self.drawn) else self.drawn
 
 
-@dataclass(frozen=True, slots=True)
-class EdgePoints:
+@dataclass(frozen=True, slots=True, repr=False)
+class EdgePoints(ShortRepr):
     """Stage ``edges``: sub-pixel Canny points.
 
     ``points_px`` (N, 2); ``normals`` (N, 2) unit, from dark to bright; ``contrast`` (N,) grey levels across the edge;
@@ -136,8 +137,8 @@ class EdgePoints:
     thresholds: tuple[float, float]
 
 
-@dataclass(frozen=True, slots=True)
-class RayPoints:
+@dataclass(frozen=True, slots=True, repr=False)
+class RayPoints(ShortRepr):
     """Stage ``rays``: edge points told apart, and band centres.
 
     Attributes
@@ -171,8 +172,8 @@ class RayPoints:
     rough: Ellipse | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class EllipseFit:
+@dataclass(frozen=True, slots=True, repr=False)
+class EllipseFit(ShortRepr):
     """Stage ``ellipse``: the conic of one edge of the marking.
 
     Attributes
@@ -235,8 +236,8 @@ class EllipseFits:
         return tuple(f for f in (self.outer, self.inner, self.center) if f is not None)
 
 
-@dataclass(frozen=True, slots=True)
-class LineCue:
+@dataclass(frozen=True, slots=True, repr=False)
+class LineCue(ShortRepr):
     """A straight marking: normalised line (3,), its points (N, 2) with sigmas (N,), the measured segment, rms and the
     share of it that is seen.
 

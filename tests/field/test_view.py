@@ -138,6 +138,33 @@ def test_sigma_is_the_scatter_of_cameras_drawn_from_the_covariance(surface):
     np.testing.assert_allclose(np.sqrt((on_ground**2).sum(axis=-1).mean(axis=0)), sigma_m, rtol=0.06)
 
 
+def test_covariances_are_those_of_cameras_drawn_from_the_covariance():
+    model = ProjectionModel.of(CAMERA, ROOF)
+    theta = theta_of(CAMERA, model, ROOF.crown_m)
+    sd = np.zeros(len(PARAMETERS))
+    for name, size in (("log_focal", 2e-4), ("pan", 1e-4), ("tilt", 1e-4), ("x", 0.01), ("z", 0.01)):
+        sd[INDEX[name]] = size
+    view = FieldView(CAMERA, ROOF, covariance=np.diag(sd**2))
+    pixels = view.project(FIELD)
+    drawn = [
+        FieldView(camera_of(theta + sd * draw, model), ROOF)
+        for draw in np.random.default_rng(5).normal(size=(3000, len(PARAMETERS)))
+    ]
+    for places, told in (
+        ([one.project(FIELD) for one in drawn], view.image_covariance(FIELD)),
+        ([one.to_field(pixels) for one in drawn], view.field_covariance(pixels)),
+    ):
+        for point, own in enumerate(told):
+            scatter = np.cov(np.array(places)[:, point].T)
+            assert np.abs(scatter - own).max() < 0.1 * np.trace(own)
+
+
+def test_a_homography_knows_no_covariance_and_no_space():
+    assert np.isnan(PLANE.image_covariance(FIELD)).all()
+    space = np.column_stack([FIELD, [0.0, -1.0, -2.0, 0.0]])
+    assert np.isfinite(PLANE.project(space)).all(axis=1).tolist() == [True, False, False, True]
+
+
 def test_sigma_is_not_a_number_where_nothing_is_seen():
     covariance = np.zeros((len(PARAMETERS), len(PARAMETERS)))
     covariance[INDEX["x"], INDEX["x"]] = 0.25  # half a metre along x
