@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from circlecal.camera.observed import NoiseModel
 from circlecal.camera.priors import Priors, SharedPriorConfig
 from circlecal.field import Circle, FieldTemplate
-from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel
+from circlecal.geometry.camera_parameters import INDEX, LOG_FOCAL, PARAMETERS, ProjectionModel
 from circlecal.geometry.surface import SurfaceShape
 
 Three = tuple[float, float, float]
@@ -24,6 +24,15 @@ class CameraConfig(BaseModel):
     enabled: bool = Field(
         True, description="Whether a camera is estimated; without it the homography of the closed forms is the result."
     )
+    focal_px: float | None = Field(
+        None,
+        gt=0,
+        description="Focal length where it is known, as of a lens without zoom that was calibrated, pixels of the "
+        "picture as stored; null where it is not.",
+    )
+    focal_sd: float = Field(
+        0.005, gt=0, le=1, description="Its standard deviation, as a share of it; used where focal_px is given."
+    )
     principal_point_sd_px: float = Field(
         15.0,
         ge=0,
@@ -33,7 +42,8 @@ class CameraConfig(BaseModel):
     distortion: Literal["none", "radial"] = Field("radial", description="Lens model: none, or radial with priors.")
     k1_mean: float = Field(0.03, description="Prior mean of the radial distortion, half-widths (positive: pincushion).")
     k1_sd: float = Field(0.015, ge=0, description="Prior standard deviation of it; 0 fixes it.")
-    k2_sd: float = Field(0.0, ge=0, description="Prior standard deviation of the second radial coefficient about 0.")
+    k2_mean: float = Field(0.0, description="Prior mean of the second radial coefficient, half-widths.")
+    k2_sd: float = Field(0.0, ge=0, description="Prior standard deviation of it; 0 fixes it.")
     aspect: float = Field(
         1.0, gt=0.2, lt=5, description="Pixel aspect fy / fx (old PAL video is stored with other than 1)."
     )
@@ -145,13 +155,15 @@ def priors_of(config: CameraConfig, template: FieldTemplate, circle: Circle, mod
     """Priors as means and standard deviations of the parameter vector."""
     unit = model.width / 1920.0
     mean, sd = np.zeros(len(PARAMETERS)), np.full(len(PARAMETERS), np.inf)
+    if config.focal_px is not None:
+        mean[LOG_FOCAL], sd[LOG_FOCAL] = np.log(config.focal_px), config.focal_sd
     sd[INDEX["roll"]] = np.radians(config.roll_sd_deg)
     if config.position_m is not None:
         mean[4:7], sd[4:7] = config.position_m, config.position_sd_m
     sd[7:9] = config.principal_point_sd_px * unit
     radial = config.distortion == "radial"
     mean[9], sd[9] = (config.k1_mean, config.k1_sd) if radial else (0.0, 0.0)
-    sd[10] = config.k2_sd if radial else 0.0
+    mean[10], sd[10] = (config.k2_mean, config.k2_sd) if radial else (0.0, 0.0)
     mean[INDEX["log_aspect"]], sd[INDEX["log_aspect"]] = np.log(config.aspect), config.aspect_sd
     flat = config.crown_shape == "flat"
     mean[INDEX["crown"]], sd[INDEX["crown"]] = (0.0, 0.0) if flat else (config.crown_m, config.crown_sd_m)

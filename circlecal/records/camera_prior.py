@@ -1,8 +1,8 @@
 """What is already known of a camera: a venue's camera file, or the result of another frame of the same camera.
 
 A prior file is YAML or JSON with ``position_m`` (three numbers, SoccerNet's frame), and as far as known
-``position_sd_m``, ``roll_sd_deg``,
-``k1_mean`` and ``k1_sd``: keys of the configuration's section ``camera``; from ``circlecal rig`` also ``shared``, the
+``position_sd_m``, ``roll_sd_deg``, ``focal_px``, ``k1_mean`` and others: keys of the configuration's section
+``camera``, all in :data:`KEYS`; from ``circlecal rig`` also ``shared``, the
 joint distribution of everything that frames of one camera share, which stands before the others. A result file of
 ``circlecal calibrate`` serves as well: its position with the standard deviation that it carries.
 """
@@ -28,8 +28,12 @@ KEYS = (
     "position_m",
     "position_sd_m",
     "roll_sd_deg",
+    "focal_px",
+    "focal_sd",
     "k1_mean",
     "k1_sd",
+    "k2_mean",
+    "k2_sd",
     "principal_point_sd_px",
     "crown_m",
     "crown_sd_m",

@@ -61,7 +61,7 @@ def common_priors(config: CameraConfig, rig: RigConfig, template: FieldTemplate,
     radial = config.distortion == "radial"
     know("kappa_1", config.k1_mean if radial else 0.0, config.k1_sd if radial else 0.0)
     know("kappa_1_by_zoom", 0.0, KAPPA_BY_ZOOM if radial else 0.0)
-    know("kappa_2", 0.0, config.k2_sd if radial else 0.0)
+    know("kappa_2", config.k2_mean if radial else 0.0, config.k2_sd if radial else 0.0)
     know("log_aspect", float(np.log(config.aspect)), config.aspect_sd)
     flat = config.crown_shape == "flat"
     know("crown", 0.0 if flat else config.crown_m, 0.0 if flat else config.crown_sd_m)

@@ -197,6 +197,32 @@ def test_priors_scale_with_the_picture_and_can_be_fixed():
     assert np.isinf(known.elevation_sd_rad)
 
 
+def test_a_known_focal_length_tells_how_far_away_the_camera_stands():
+    """Of circle and halfway line alone, where zoom can stand for distance."""
+    given = seen(MAIN, edges=("center",), sigma=1.0, seed=3)
+    focal = float(MAIN.focal_px[0])
+    free = estimate_camera(given, SOCCER, CIRCLE, KNOWN)
+    held = estimate_camera(given, SOCCER, CIRCLE, KNOWN.model_copy(update={"focal_px": focal, "focal_sd": 0.002}))
+    sd = {
+        name: np.sqrt([fit.covariance[INDEX[name], INDEX[name]] for fit in (free, held)]) for name in ("log_focal", "y")
+    }
+    assert sd["log_focal"][1] < 0.0021 < 0.01 < sd["log_focal"][0]
+    assert sd["y"][1] < 0.3 * sd["y"][0]
+    assert held.camera.focal_px[0] == pytest.approx(focal, rel=0.006)
+    assert abs(held.camera.position_m[1] - MAIN.position_m[1]) < 3.0 * sd["y"][1]
+
+
+def test_a_known_lens_enters_the_priors():
+    model = ProjectionModel(960, 540, Surface("flat"))
+    config = CameraConfig(focal_px=1200.0, k1_mean=-0.1, k1_sd=0.0, k2_mean=0.01)
+    priors = priors_of(config, SOCCER, CIRCLE, model)
+    assert priors.mean[INDEX["log_focal"]] == pytest.approx(np.log(1200.0))
+    assert priors.sd[INDEX["log_focal"]] == pytest.approx(0.005)
+    assert [(priors.mean[INDEX[k]], priors.sd[INDEX[k]]) for k in ("kappa_1", "kappa_2")] == [(-0.1, 0.0), (0.01, 0.0)]
+    pinhole = priors_of(config.model_copy(update={"distortion": "none"}), SOCCER, CIRCLE, model)
+    assert pinhole.mean[INDEX["kappa_2"]] == 0.0
+
+
 def test_non_square_pixels():
     """Old PAL video: the stored picture is wider or narrower than what the camera saw."""
     camera = replace(MAIN, focal_px=MAIN.focal_px * [1.0, 1.1])
