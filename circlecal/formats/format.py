@@ -7,7 +7,6 @@ Each format has one file in this folder, which ends with ``FORMAT``, and one wor
 from __future__ import annotations
 
 import json
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,6 +19,7 @@ from circlecal.errors import InputError
 from circlecal.files import read_file
 from circlecal.formats.cameras import CalibratedFrame, CameraFrame, CameraModel, Size
 from circlecal.formats.shapes import AnnotatedFrame
+from circlecal.records.json_text import RepeatedKeyError, load_json
 
 Kind = Literal["annotation", "camera", "result"]
 MAX_BYTES = 64 << 20
@@ -77,9 +77,9 @@ class Content:
         if self.head not in (b"{", b"["):
             return None
         try:
-            return json.loads(self.raw, object_pairs_hook=_with_each_key_once)
-        except _RepeatedKeyError as error:
-            return InputError(f"{self.path}: the key {error} is given twice; keep one of the two")
+            return load_json(self.raw)
+        except RepeatedKeyError as error:
+            return InputError(f"{self.path}: {error}")
         except RecursionError:
             return InputError(f"{self.path}: is nested too deeply to be an annotation")
         except ValueError as error:
@@ -89,18 +89,6 @@ class Content:
     def mapping(self) -> Mapping[str, Any]:
         """The JSON object; an empty one where the content is something else."""
         return self.json if isinstance(self.json, dict) else {}
-
-
-class _RepeatedKeyError(ValueError):
-    """A JSON object has two values of one name, of which a reader would take the last in silence."""
-
-
-def _with_each_key_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    content = dict(pairs)
-    if len(content) < len(pairs):
-        ((name, _),) = Counter(name for name, _ in pairs).most_common(1)
-        raise _RepeatedKeyError(json.dumps(name))
-    return content
 
 
 @dataclass(frozen=True, kw_only=True)

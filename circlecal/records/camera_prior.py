@@ -19,7 +19,7 @@ from circlecal.camera.options import CameraConfig
 from circlecal.errors import InputError
 from circlecal.files import read_file, write_atomic
 from circlecal.names import show
-from circlecal.records.json_text import GIVE_A_RESULT, explain_damage, parse_record
+from circlecal.records.json_text import GIVE_A_RESULT, RepeatedKeyError, explain_damage, load_json, parse_record
 from circlecal.records.record import ResultRow
 from circlecal.results.numbers import show_with_sigma
 from circlecal.yaml_text import YamlError, dump_yaml, read_yaml
@@ -73,7 +73,9 @@ def _read_mapping(path: Path) -> dict[str, Any]:
     """The keys of a prior or of a result file, JSON or YAML."""
     raw = read_file(path)
     try:
-        content = json.loads(raw) if raw.lstrip()[:1] == b"{" else None
+        content = load_json(raw) if raw.lstrip()[:1] == b"{" else None
+    except RepeatedKeyError as error:
+        raise InputError(f"{path}: {error}") from error
     except (ValueError, RecursionError):
         content = None  # YAML knows a mapping in braces too
     try:

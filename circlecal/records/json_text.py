@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -15,6 +16,34 @@ from circlecal.records.record import SCHEMA_VERSION, ResultRecord, ResultRow
 
 GIVE_A_RESULT = "give a result file of circlecal calibrate"
 Record = TypeVar("Record", bound=ResultRow)
+
+
+class RepeatedKeyError(ValueError):
+    """A JSON object has two values of one name, of which a reader would take the last in silence."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(f"the key {json.dumps(name)} is given twice; keep one of the two")
+
+
+def load_json(content: bytes) -> Any:
+    """The value of a JSON text that a person may have written or changed.
+
+    Raises
+    ------
+    RepeatedKeyError
+        With the key.
+    ValueError
+        It is no JSON.
+    """
+    return json.loads(content, object_pairs_hook=_keep_each_key_once)
+
+
+def _keep_each_key_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    content = dict(pairs)
+    if len(content) < len(pairs):
+        ((name, _),) = Counter(name for name, _ in pairs).most_common(1)
+        raise RepeatedKeyError(name)
+    return content
 
 
 def write_result(path: Path, record: ResultRecord) -> None:
@@ -42,12 +71,18 @@ def read_result(path: Path) -> ResultRecord:
     Raises
     ------
     InputError
-        Missing, no result of circlecal, of another version, or damaged.
+        Missing, no result of circlecal, of another version, damaged, or with a key that is given twice.
     """
     try:
         content = read_file(path)
     except InputError as error:
         raise InputError(f"{error}; {GIVE_A_RESULT}") from error
+    try:
+        load_json(content)
+    except RepeatedKeyError as error:
+        raise InputError(f"{path}: {error}") from error
+    except (ValueError, RecursionError):
+        pass  # what is wrong with it is told below
     return parse_record(content, ResultRecord, str(path), GIVE_A_RESULT)
 
 

@@ -232,3 +232,10 @@ def test_what_is_damaged_is_left_out(calibrated, template):
     assert sound.view is not None
     with pytest.raises(ValueError, match="id"):
         parse_sound_parts(json.dumps(whole | {"id": 3}).encode())
+
+
+def test_a_key_that_is_given_twice_is_named(tmp_path):
+    path = tmp_path / "edited.json"
+    path.write_text('{"schema_version": 1, "id": "a", "status": "refused", "code": "no_field", "id": "b"}')
+    with pytest.raises(InputError, match=r'edited\.json: the key "id" is given twice; keep one of the two$'):
+        read_result(path)
