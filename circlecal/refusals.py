@@ -305,8 +305,9 @@ REFUSALS = _by_code(
             "too_uncertain",
             "a camera was found, but too little is seen to know it well enough",
             "Zoom and distance can be traded against each other without changing what is seen.",
-            "One more line or point helps most (the far touchline, the end of the halfway line), or where the camera "
-            f"stands (camera.position_m); {_OTHER_FRAMES} verdict.max_sigma_px sets the limit.",
+            "One more line or point helps most (the far touchline, the end of the halfway line), where the camera "
+            f"stands (camera.position_m), or its focal length (camera.focal_px); "
+            f"{_OTHER_FRAMES} verdict.max_sigma_px sets the limit.",
             remeasure=True,
         ),
         # published solvers, which the option --solver runs

@@ -39,9 +39,20 @@ class CameraConfig(BaseModel):
         description="Prior of the principal point about the image centre, pixels at 1920 px width; 0 fixes it. Of the "
         "cameras of eight real clips, which all their frames tell to 1 to 3 px, it lies 18 px rms off.",
     )
-    distortion: Literal["none", "radial"] = Field("radial", description="Lens model: none, or radial with priors.")
-    k1_mean: float = Field(0.03, description="Prior mean of the radial distortion, half-widths (positive: pincushion).")
-    k1_sd: float = Field(0.015, ge=0, description="Prior standard deviation of it; 0 fixes it.")
+    distortion: Literal["none", "radial"] = Field(
+        "radial",
+        description="Lens model: none for pictures whose distortion was taken out, or radial with the priors below.",
+    )
+    k1_mean: float = Field(
+        0.03,
+        description="Prior mean of the radial distortion, half-widths: "
+        "positive for pincushion, as long broadcast zooms have, negative for barrel, as wide-angle lenses have.",
+    )
+    k1_sd: float = Field(
+        0.015,
+        ge=0,
+        description="Prior standard deviation of it; larger where nothing is known of the lens, 0 fixes it.",
+    )
     k2_mean: float = Field(0.0, description="Prior mean of the second radial coefficient, half-widths.")
     k2_sd: float = Field(0.0, ge=0, description="Prior standard deviation of it; 0 fixes it.")
     aspect: float = Field(
@@ -67,7 +78,8 @@ class CameraConfig(BaseModel):
         0.94,
         ge=0,
         le=1,
-        description="Share of fields that are of the template's size; the others are of any size that its rules allow.",
+        description="Share of fields that are of the template's size; the others are of any size that its rules allow. "
+        "A smaller share refuses more fields whose size little of what is seen tells.",
     )
     other_length_share: float = Field(
         0.5,
@@ -78,12 +90,19 @@ class CameraConfig(BaseModel):
     flat_share: float = Field(
         0.25, ge=0, lt=1, description="Share of fields that are flat; the others have the crown of crown_m."
     )
-    roll_sd_deg: float = Field(3.0, ge=0, description="Prior of the camera's roll about 0, degrees.")
+    roll_sd_deg: float = Field(
+        3.0,
+        ge=0,
+        description="Prior standard deviation of the camera's roll about 0, degrees: 1 on a "
+        "levelled tripod, more where the camera is held by hand or flies.",
+    )
     position_m: Three | None = Field(
-        None, description="Prior mean of the position (x, y, z; z negative above ground), metres, or null."
+        None,
+        description="Where the camera stands, where that is known: metres from the centre mark, y positive towards "
+        "the main camera, z negative above the ground; null where it is not.",
     )
     position_sd_m: Three = Field(
-        (0.5, 0.5, 0.5), description="Prior standard deviation of the position, where one is given."
+        (0.5, 0.5, 0.5), description="Prior standard deviation of the position, metres, where one is given."
     )
     shared: SharedPriorConfig | None = Field(
         None, description="What other frames of the same camera say of it, as `circlecal rig` writes it, or null."

@@ -27,7 +27,9 @@ class RigConfig(BaseModel):
     principal_point_deviation_px: float = Field(
         1.0, ge=0, description="How far the principal point of a frame may deviate, pixels at 1920 px width."
     )
-    k1_deviation: float = Field(0.001, ge=0, description="How far the radial distortion of a frame may deviate.")
+    k1_deviation: float = Field(
+        0.001, ge=0, description="How far the radial distortion of a frame may deviate, half-widths."
+    )
     principal_point_by_zoom_px: float = Field(
         10.0,
         ge=0,

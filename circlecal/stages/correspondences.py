@@ -39,10 +39,15 @@ class CorrespondencesConfig(BaseModel):
 
     case: Literal["auto", 1, 2, 3] = Field(
         "auto",
-        description="1: from a line, 2: from a point, 3: imaged centre from the two edges; auto takes what is seen.",
+        description="The paper's case, for its points and tangents: 1 from a line, 2 from a point, 3 from the two "
+        "edges of the circle's paint; auto takes what is seen. The camera rests on everything that was seen, whatever "
+        "the case.",
     )
     camera_side: Side = Field(
-        "main", description="Which side of the field the camera stands on: main | opposite | left_goal | right_goal."
+        "main",
+        description="Which side of the field the camera stands on, since circle and halfway line look alike from both: "
+        "main where y is positive, opposite where it is negative; behind a goal the halfway line runs across the "
+        "picture.",
     )
     maximum_pair_split: float = Field(
         0.5,

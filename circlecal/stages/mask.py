@@ -74,7 +74,11 @@ class MaskConfig(BaseModel):
     model: str | None = Field(None, description="ONNX file of a segmentation network, for the source onnx.")
     network: SegmentationNetwork = Field(SegmentationNetwork(), description="What that network takes and gives.")
     threshold_px: float = Field(
-        4.0, gt=0, le=100, description="How well a mask's middle follows the circle, pixels at 1920 px width."
+        4.0,
+        gt=0,
+        le=100,
+        description="How far the middle of a given mask may lie from the circle, pixels at 1920 px width; larger for "
+        "masks of networks that work on small pictures.",
     )
     deinterlace: bool = Field(
         True, description="Join the two halves of an interlaced frame's rows where they show different moments."

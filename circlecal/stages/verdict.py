@@ -98,7 +98,7 @@ class VerdictConfig(BaseModel):
         64.0,
         gt=0,
         description="Largest predicted error of the field around the circle, or around what is seen instead of it, "
-        "pixels at 1920 px width.",
+        "pixels at 1920 px width; smaller where a refused frame is better than one that is known roughly.",
     )
     max_mean_sigma_px: float = Field(
         24.0,
