@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
 
 from circlecal import __version__
 from circlecal.cli import bench
@@ -20,6 +19,7 @@ from circlecal.cli.convert import convert
 from circlecal.cli.debug import debug
 from circlecal.cli.evaluate import evaluate
 from circlecal.cli.fields import fields
+from circlecal.cli.plain_flags import PlainCommand, PlainGroup
 from circlecal.cli.project import project
 from circlecal.cli.report import report
 from circlecal.cli.rig import rig
@@ -58,7 +58,7 @@ def _refuse_urls(args: Sequence[str]) -> None:
                 raise InputError(f"{text}: is a URL; save what it names, and give the file")
 
 
-class _Commands(TyperGroup):
+class _Commands(PlainGroup):
     def make_context(self, info_name: str | None, args: list[str], *arguments: Any, **named: Any) -> Any:
         if "" in args and args[0] != _TAKES_EMPTY_LISTS:  # as a path it would be the working folder
             raise InputError("an argument is empty; name a file or folder, or leave it out")
@@ -80,21 +80,21 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
     epilog="Exit code: 0 all calibrated, 1 some refused, 2 wrong use or input, 130 interrupted.",
 )
-app.command()(calibrate)
-app.command()(batch)
-app.command()(track)
-app.command()(rig)
-app.command()(report)
-app.command()(annotate)
-app.command()(debug)
-app.command()(convert)
-app.command()(evaluate)
-app.command()(audit)
-app.command(context_settings={"ignore_unknown_options": True})(project)
-app.command()(config)
-app.command()(fields)
-app.command()(synth)
-app.command()(simulate)
+app.command(cls=PlainCommand)(calibrate)
+app.command(cls=PlainCommand)(batch)
+app.command(cls=PlainCommand)(track)
+app.command(cls=PlainCommand)(rig)
+app.command(cls=PlainCommand)(report)
+app.command(cls=PlainCommand)(annotate)
+app.command(cls=PlainCommand)(debug)
+app.command(cls=PlainCommand)(convert)
+app.command(cls=PlainCommand)(evaluate)
+app.command(cls=PlainCommand)(audit)
+app.command(cls=PlainCommand, context_settings={"ignore_unknown_options": True})(project)
+app.command(cls=PlainCommand)(config)
+app.command(cls=PlainCommand)(fields)
+app.command(cls=PlainCommand)(synth)
+app.command(cls=PlainCommand)(simulate)
 app.add_typer(bench.app, name="bench")
 
 

@@ -62,6 +62,13 @@ def test_help_names_formats_solvers_and_defaults(run_circlecal, monkeypatch):
     assert "default: default" not in audit
 
 
+@pytest.mark.parametrize("command", ["", "calibrate", "bench", "bench detect"])
+def test_switches_take_no_value_in_help(run_circlecal, command):
+    text = run_circlecal(*command.split(), "--help").out
+    assert "--help" in text
+    assert "<bool>" not in text
+
+
 @pytest.mark.parametrize("command", ["", *COMMANDS])
 def test_h_is_help(run_circlecal, command):
     named = command.split()
