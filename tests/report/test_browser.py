@@ -351,7 +351,7 @@ def test_a_check_says_on_which_side_of_its_limit_it_passes_and_what_it_measures(
     page.run("location.hash = 'frame=1'")
     page.wait(f"{OPEN} && document.querySelectorAll('#more table').length === 3")
     row = "[...document.querySelectorAll('#more tr')].find((row) => row.cells[0].textContent === 'lowest height m')"
-    assert page.run(f"return {row}.cells[2].textContent").startswith("at least ")
+    assert page.run(f"return {row}.cells[2].textContent").startswith("≥ ")
     assert page.run(f"return {row}.cells[0].title") == CHECKS["lowest_height_m"].measures
 
 

@@ -291,7 +291,7 @@
       ...table("Against the other run", ["", ""], told.other),
       ...table("Checks", ["check", "value", "limit", "passed"], told.checks.map(([name, value, limit, passed]) => {
         const [measures, atLeast] = run.checks[name] ?? ["", null];
-        const bound = atLeast === null ? limit : `${atLeast ? "at least" : "at most"} ${limit}`;
+        const bound = atLeast === null ? limit : `${atLeast ? "≥" : "≤"} ${limit}`;
         return [[name, measures, !passed], value, bound, passed ? "✓" : "✕ no"];
       })),
       ...table("Time", ["stage", "ms"], told.times));
