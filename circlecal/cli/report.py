@@ -11,7 +11,9 @@ from circlecal.cli import options
 
 
 def report(
-    results: Annotated[Path, typer.Argument(metavar="RESULTS", help="Folder written by circlecal batch or calibrate.")],
+    results: Annotated[
+        Path, typer.Argument(metavar="RESULTS", help="Folder of a run of batch, track, rig or calibrate.")
+    ],
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Folder of the report. (default: RESULTS/circlecal-report)")
     ] = None,
