@@ -8,7 +8,7 @@ from circlecal.cli.app import app
 from circlecal.cli.invoke import run_command
 from circlecal.evaluation.bench.fuzz import is_supported, run_fuzz
 
-COUNT = 500
+COUNT = 300
 
 
 @pytest.mark.skipif(not is_supported(), reason="no timers")

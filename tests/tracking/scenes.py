@@ -12,7 +12,7 @@ from circlecal.field import FieldTemplate, load_field
 from circlecal.geometry.surface import Surface
 from circlecal.rig.tripod import COMMON, PLACE, TripodEstimate
 from circlecal.tracking.frame_paint import HeadedFrame
-from circlecal.tracking.markings import place_markings, template_curves
+from circlecal.tracking.markings import SPACING_PX, place_markings, template_curves
 from circlecal.tracking.seen_paint import MeasuredFrame
 
 SIZE = (1280, 720)
@@ -61,7 +61,7 @@ def measure_ideal(
     common[[PLACE["length"], PLACE["breadth"]]] = growth_m
     common[PLACE["lever"]] = lever_m
     theta = camera.model.thetas(head[None], common)[0]
-    places = place_markings(drawn, theta, camera.model.projection, template().marking_width_m)
+    places = place_markings(drawn, theta, camera.model.projection, template().marking_width_m, 2.0 * SPACING_PX)
     off = rng.normal(0.0, noise_px, len(places.marking))
     count = np.bincount(places.marking, minlength=len(drawn.names))
     return MeasuredFrame(

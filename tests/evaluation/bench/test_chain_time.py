@@ -16,13 +16,13 @@ from circlecal.synthetic.sampling import render_frame
 
 @pytest.fixture(scope="module")
 def jpeg():
-    rendering = render_frame("easy", np.random.default_rng(3), 960, 540)
+    rendering = render_frame("easy", np.random.default_rng(3), 640, 360)
     return np.asarray(cv2.imencode(".jpg", rendering.image)[1])
 
 
 def test_every_stage_has_its_time(jpeg):
     found = time_chain("easy", jpeg, Config(), runs=2)
-    assert (found.frame, found.width, found.height, found.status) == ("easy", 960, 540, "calibrated")
+    assert (found.frame, found.width, found.height, found.status) == ("easy", 640, 360, "calibrated")
     assert {"mask", "edges", "rays", "ellipse", "cues", "camera", "verdict"} <= set(found.stage_ms)
     assert 0 < max(found.stage_ms.values()) <= found.chain_ms
     assert found.times_decoding == found.chain_ms / found.decoding_ms
@@ -47,5 +47,5 @@ def test_command_prints_one_picture(jpeg, tmp_path):
     path.write_bytes(jpeg.tobytes())
     shown = CliRunner().invoke(app, ["bench", "detect", "--picture", str(path)])
     assert shown.exit_code == 0
-    assert "frame.jpg, 960x540, calibrated" in shown.output
+    assert "frame.jpg, 640x360, calibrated" in shown.output
     assert "cues" in shown.output
