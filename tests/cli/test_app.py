@@ -27,12 +27,9 @@ def test_commands():
     assert {"calibrate", "batch", "debug", "project", "config", "fields"} <= set(COMMANDS)
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_is_in_the_help_and_has_its_own(run_circlecal, command):
-    assert f" {command} " in run_circlecal("--help").out
-    outcome = run_circlecal(command, "--help")
-    assert outcome.code == 0
-    assert f"circlecal {command}" in outcome.out
+def test_every_command_is_in_the_help(run_circlecal):
+    text = run_circlecal("--help").out
+    assert [command for command in COMMANDS if f" {command} " not in text] == []
 
 
 def test_help_names_formats_solvers_and_defaults(run_circlecal, monkeypatch):
@@ -70,10 +67,11 @@ def test_switches_take_no_value_in_help(run_circlecal, command):
 
 
 @pytest.mark.parametrize("command", ["", *COMMANDS])
-def test_h_is_help(run_circlecal, command):
+def test_every_command_has_help_of_its_own_and_h_is_help(run_circlecal, command):
     named = command.split()
     short, long = run_circlecal(*named, "-h"), run_circlecal(*named, "--help")
-    assert (short.code, short.out) == (0, long.out)
+    assert (short.code, short.out) == (long.code, long.out) == (0, long.out)
+    assert f"circlecal {command}".strip() in long.out
 
 
 @pytest.mark.parametrize(
