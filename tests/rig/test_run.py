@@ -9,6 +9,8 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
+from circlecal.batch import run as batch_run
+from circlecal.batch.workers import finish_on_workers
 from circlecal.camera.rig_options import RigConfig
 from circlecal.cli.app import app
 from circlecal.errors import InputError
@@ -40,7 +42,7 @@ def error_px(record, camera):
 
 @pytest.fixture(scope="module", autouse=True)
 def _in_this_process(module_in_this_process):
-    """No test here starts a worker."""
+    """One test here starts a worker."""
 
 
 @pytest.fixture(scope="module")
@@ -157,7 +159,9 @@ def test_prior_file_is_read_by_calibrate(again, tmp_path):
     assert load_config(None, prior_settings(path)).camera.shared is not None
 
 
-def test_one_frame_shares_nothing(records, tmp_path):
+def test_one_frame_shares_nothing(records, tmp_path, monkeypatch):
+    """By a worker, to which the run must go whole."""
+    monkeypatch.setattr(batch_run, "_finish_frames", lambda *given: finish_on_workers(*given[:3]))
     (tmp_path / "results.jsonl").write_text(result_line(records[0]) + "\n" + result_line(records[4]) + "\n")
     report = run_rig(tmp_path, CONFIG, tmp_path / "out")
     assert report.rigs == []
