@@ -59,6 +59,12 @@ QUIET_SIGMA_PX = 0.05
 size of the field leaves: with six times as much a circle beside a touchline 42.5 m away fits a usual field's 34 m.
 """
 
+BEYOND_RULES_M = 3.0
+"""Metres by which an estimated size may lie outside of what the rules allow, since it has an error of its own, and be
+the field's nevertheless: rendered fields 88.1 and 89.9 m wide come out 90.7 and 91.2 m wide, 90 m being the most. The
+lens of one real frame would make a field of 108 m width of a usual one.
+"""
+
 NOISE_ROUNDS = 2
 """So often noise is told by residuals, and these by the noise, before sizes are compared: a third changes nothing."""
 
@@ -209,18 +215,25 @@ def _without_needless(roofs: list[_Case], found: list[tuple[Answer, _Case]]) -> 
     return [(answer, case) for answer, case in found if not _is_one_of(roofs, case)]
 
 
-def _resize(usual: list[_Case], found: list[tuple[Answer, _Case]], world: World) -> _Case:
-    """The lines of a usual field on a field of the world that was found with them, with the likeliest profile."""
-    of_usual = [(a, case) for a, case in found if a.world == world and _is_one_of(usual, case)]
-    answer, (named, own) = max(of_usual, key=lambda pair: pair[0].evidence)
-    answer = _reach(answer, named.rule(COARSE))
-    return named, replace(own, problem=answer.problem, state=answer.state)
+def _resize(usual: list[_Case], found: list[tuple[Answer, _Case]], world: World) -> list[_Case]:
+    """The lines of a usual field on a field of the world that was found with them, with each profile of its pitch: what
+    one of them leaves says nothing of the other.
+    """
+    best: dict[str, tuple[Answer, _Case]] = {}
+    for answer, case in sorted(found, key=lambda pair: pair[0].evidence):
+        if answer.world == world and _is_one_of(usual, case):
+            best[answer.problem.model.surface.shape] = answer, case
+    resized = []
+    for answer, (named, own) in best.values():
+        reached = _reach(answer, named.rule(COARSE))
+        resized.append((named, replace(own, problem=reached.problem, state=reached.state)))
+    return resized
 
 
-def _by_size(cases: list[_Case], worlds: Sequence[World], resized: _Case) -> list[_Asked]:
-    """The cases, of which the usual one, the first, is asked for the usual width, and the resized one for any size."""
+def _by_size(cases: list[_Case], worlds: Sequence[World], resized: list[_Case]) -> list[_Asked]:
+    """The cases, of which the usual one, the first, is asked for the usual width, and resized ones for any size."""
     usual, other = (tuple(w for w in worlds if (w.size == "any") == is_any) for is_any in (False, True))
-    return [(cases[0], usual), *((case, worlds) for case in cases[1:]), (resized, other)]
+    return [(cases[0], usual), *((case, worlds) for case in cases[1:]), *((case, other) for case in resized)]
 
 
 def _compare_worlds(
@@ -309,7 +322,9 @@ def _is_allowed(found: list[tuple[Answer, _Case]], template: FieldTemplate) -> b
     """Whether the best answer on a field of any size is one that the rules allow: else the misfit is not the size's."""
     other = max((a for a, _ in found if not a.world.is_usual_size), key=lambda a: a.evidence)
     growth = other.state.theta[0, [INDEX["length"], INDEX["breadth"]]].tolist()
-    return all(e.beyond_rules(e.size_m + grown) <= 0.0 for e, grown in zip(template.extents, growth, strict=True))
+    return all(
+        e.beyond_rules(e.size_m + grown) <= BEYOND_RULES_M for e, grown in zip(template.extents, growth, strict=True)
+    )
 
 
 def _keep_noise(best: Answer, task: Task, fit: Fit) -> tuple[Problem, State]:

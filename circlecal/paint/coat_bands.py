@@ -1,7 +1,8 @@
 """Two bands of paint round a camera's curve, one of them an old coat: what they leave of profiles across the circle.
 
 A band is the difference of two blurred steps. The new paint hides most of the old where both lie, which steps at two of
-the same edges: all is told by four steps, and the derivatives by as many bells.
+the same edges: all is told by four steps, and the derivatives by as many bells. Each band has its own width: fields are
+painted with 5 to 12 cm, and not always with the width of the year before.
 """
 
 from __future__ import annotations
@@ -29,15 +30,15 @@ ROBUST = 3.0
 """Standard deviations from which on residuals count less (Cauchy's loss): players and other paint."""
 PLACE_SD_M, BLUR_SD, WIDTH_SD, STRENGTH_SD = 0.2, 0.7, 0.25, 0.7
 """What is known beforehand, standard deviations: of every harmonic, metres, and of the logarithms of blur, width and
-strength about their usual values.
+strength about their usual values, and of the old width about the new one.
 """
 USUAL_BLUR_PX, USUAL_STRENGTH = 0.8, 0.3
 """Standard deviation of a picture's blur, and light of an old coat over that of the new paint, before they are told."""
 _FIRST, _ALONE = 2 * ORDER + 1, 2 * ORDER + 4
 """Numbers of the harmonics, and of all parameters of one band."""
 _OF_ONE = (*[0] * _FIRST, 1, 1, 2)
-_OF_BOTH = (*_OF_ONE, 3, 4, 4, 4)
-"""By which of place, blur, width, strength and place beside each parameter moves the bands."""
+_OF_BOTH = (*_OF_ONE, 3, 4, 5, 5, 5)
+"""By which of place, blur, width, strength, old width and place beside each parameter moves the bands."""
 _NEW = np.array([1.0, -1.0])
 """Heights of the steps of the new band."""
 _ERF = (0.3480242, -0.0958798, 0.7478556, 0.47047)
@@ -74,14 +75,15 @@ class CoatProfiles:
 
 @dataclass(frozen=True, slots=True)
 class CoatShape:
-    """Where K pairs of bands lie in B sectors, pixels: the new one's place, both ones' blur and width, and the place of
-    the old one beside it (K, B); its strength (K, 1); squares of the blur along rows and along columns (K, 1).
+    """Where K pairs of bands lie in B sectors, pixels: the new one's place, both ones' blur, the width of each, and the
+    place of the old one beside it (K, B); its strength (K, 1); squares of the blur along rows and columns (K, 1).
     """
 
     place: Array
     blur: Array
     width: Array
     strength: Array
+    old_width: Array
     beside: Array
     rows: Array
     columns: Array
@@ -99,10 +101,11 @@ def harmonics(angle: Array, order: int = ORDER) -> Array:
     return np.concatenate([np.ones((len(angle), 1)), waves], axis=1)
 
 
-def draw_old_band(x: Array, width: Array, beside: Array, blur: Array) -> Array:
-    """What an old band so far beside a new one of its width about zero adds to it, at places x; all of them pixels."""
-    half = 0.5 * width
-    up, down, new_up, new_down = (_step((x - edge) / blur)[0] for edge in (beside - half, beside + half, -half, half))
+def draw_old_band(x: Array, width: Array, old_width: Array, beside: Array, blur: Array) -> Array:
+    """What an old band of a width, so far beside a new one about zero, adds to it, at places x; all of them pixels."""
+    half, old_half = 0.5 * width, 0.5 * old_width
+    edges = beside - old_half, beside + old_half, -half, half
+    up, down, new_up, new_down = (_step((x - edge) / blur)[0] for edge in edges)
     hidden = np.maximum(np.minimum(up, new_up) - np.maximum(down, new_down), 0.0)
     return np.asarray(up - down - OPAQUE * hidden)
 
@@ -110,7 +113,8 @@ def draw_old_band(x: Array, width: Array, beside: Array, blur: Array) -> Array:
 def exchange_bands(parameters: Array) -> Array:
     """Parameters (K, P) of pairs of bands, each with the old one as the new one."""
     exchanged = parameters.copy()
-    exchanged[:, :3] += parameters[:, _ALONE + 1 :]
+    exchanged[:, :3] += parameters[:, _ALONE + 2 :]
+    exchanged[:, _ALONE - 1] += parameters[:, _ALONE + 1]
     exchanged[:, _ALONE + 1 :] *= -1.0
     exchanged[:, _ALONE] = -2.0 * np.log(USUAL_STRENGTH) - parameters[:, _ALONE]
     return exchanged
@@ -120,8 +124,8 @@ class CoatBands(DenseProblem):
     """One band of paint round a camera's curve, or two.
 
     Parameters are harmonics of its place, metres, logarithms of blur along rows and along columns and of width over
-    their usual values, and the same of the old one's strength, and growth and shift of its circle, metres. The light of
-    each sector, and the ground's with its slope, are fitted within it.
+    their usual values, and the same of the old one's strength, of its width over that of the new one, and growth and
+    shift of its circle, metres. The light of each sector, and the ground's with its slope, are fitted within it.
     """
 
     def __init__(self, profiles: CoatProfiles, width_m: float, *, has_old: bool) -> None:
@@ -133,7 +137,7 @@ class CoatBands(DenseProblem):
         self._level = profiles.level @ self._without_ground
         self._prior = np.append(np.full(_FIRST, PLACE_SD_M), (BLUR_SD, BLUR_SD, WIDTH_SD))
         if has_old:
-            self._prior = np.concatenate([self._prior, [STRENGTH_SD], np.full(3, PLACE_SD_M)])
+            self._prior = np.concatenate([self._prior, [STRENGTH_SD, WIDTH_SD], np.full(3, PLACE_SD_M)])
         self.expected = np.zeros(len(self._prior))
 
     def evaluate(self, parameters: Array) -> NormalState:
@@ -165,7 +169,7 @@ class CoatBands(DenseProblem):
         parts = [across, (bands.rows * turn[..., 0])[:, None], (bands.columns * turn[..., 1])[:, None]]
         parts.append(bands.width[:, None])
         if self._has_old:
-            parts += [np.ones((1, 1, 1)), across[:, :3]]
+            parts += [np.ones((1, 1, 1)), bands.old_width[:, None], across[:, :3]]
         shape = len(parameters), -1, len(self._waves)
         factor = np.concatenate([np.broadcast_to(part, (shape[0], part.shape[1], shape[2])) for part in parts], axis=1)
         which = _OF_BOTH if self._has_old else _OF_ONE
@@ -187,6 +191,7 @@ class CoatBands(DenseProblem):
         old = draw_old_band(
             self._profiles.offset_px - bands.place[..., None],
             bands.width[..., None],
+            bands.old_width[..., None],
             (beside_m[:, None] * self._profiles.scale)[..., None],
             bands.blur[..., None],
         )
@@ -201,11 +206,12 @@ class CoatBands(DenseProblem):
         blur = np.sqrt(rows * self._profiles.turn[:, 0] + columns * self._profiles.turn[:, 1])
         width = self._width_m * np.exp(parameters[:, _FIRST + 2, None]) * scale
         place = parameters[:, :_FIRST] @ self._waves.T * scale
-        strength, beside = np.zeros((len(place), 1)), np.zeros_like(place)
+        strength, old_width, beside = np.zeros((len(place), 1)), width, np.zeros_like(place)
         if self._has_old:
             strength = USUAL_STRENGTH * np.exp(parameters[:, _ALONE, None])
-            beside = parameters[:, _ALONE + 1 :] @ self._waves[:, :3].T * scale
-        return CoatShape(place, blur, width, strength, beside, rows, columns)
+            old_width = width * np.exp(parameters[:, _ALONE + 1, None])
+            beside = parameters[:, _ALONE + 2 :] @ self._waves[:, :3].T * scale
+        return CoatShape(place, blur, width, strength, old_width, beside, rows, columns)
 
     def fit_light(self, bands: CoatShape) -> Array:
         """Gray levels (K, B) that the new paint adds."""
@@ -213,21 +219,22 @@ class CoatBands(DenseProblem):
 
     def _draw(self, bands: CoatShape) -> tuple[Array, Array]:
         """Bands (K, B, S) of the light of one gray level, without their means and slopes, and their derivatives by
-        place, blur, width, strength (its logarithm) and place beside (5, K, B, S), or by the first three alone.
+        place, blur, width, strength (its logarithm), old width and place beside (6, K, B, S), or by the first
+        three alone.
         """
-        edges, weight = _place_edges(bands.place, bands.width, bands.beside, bands.strength)
+        edges, weight = _place_edges(bands)
         if not self._has_old:
             edges, weight = edges[:2], weight[:2]
         z = (self._profiles.offset_px - edges[..., None]) / bands.blur[..., None]
         step, bell = _step(z)
         bell *= -(weight / bands.blur)[..., None]
-        wider = 0.5 * (bell[1] - bell[0])
-        slope = [bell.sum(axis=0), (bell * z).sum(axis=0), wider]
+        slope = [bell.sum(axis=0), (bell * z).sum(axis=0), 0.5 * (bell[1] - bell[0])]
         if self._has_old:
-            slope[2] = wider + 0.5 * (bell[3] - bell[2])
+            wider = 0.5 * (bell[3] - bell[2])
+            slope[2] += wider * (bands.old_width / bands.width)[..., None]
             old = weight.copy()
             old[:2] -= _NEW[:, None, None]
-            slope += [(old[..., None] * step).sum(axis=0), bell[2] + bell[3]]
+            slope += [(old[..., None] * step).sum(axis=0), wider, bell[2] + bell[3]]
         band = (weight[..., None] * step).sum(axis=0)
         return band @ self._without_ground, np.stack(slope) @ self._without_ground
 
@@ -251,16 +258,16 @@ def weigh(residual: Array) -> Array:
     return np.asarray(1.0 / (1.0 + (residual / ROBUST) ** 2))
 
 
-def _place_edges(place: Array, width: Array, beside: Array, strength: Array | float) -> tuple[Array, Array]:
-    """The steps (4, ...) of both bands, up and down those of the new one and then those of the old one: where, and how
-    high. What the new paint hides goes from one's edge to the other's.
+def _place_edges(bands: CoatShape) -> tuple[Array, Array]:
+    """The steps (4, K, B) of both bands, up and down those of the new one and then those of the old one: where, and how
+    high. What the new paint hides begins at the later one of the steps up, and ends at the earlier one of those down.
     """
-    place, width, beside = np.broadcast_arrays(place, width, beside)
-    half = 0.5 * width
-    edges = np.stack([place - half, place + half, place + beside - half, place + beside + half])
-    hidden = OPAQUE * (np.abs(beside) < width)
-    inside, outside = hidden * (beside < 0.0), hidden * (beside >= 0.0)
-    weight = strength * np.stack([-inside, outside, 1.0 - outside, inside - 1.0])
+    half, old_half = 0.5 * bands.width, 0.5 * bands.old_width
+    old = bands.place + bands.beside
+    edges = np.stack([bands.place - half, bands.place + half, old - old_half, old + old_half])
+    hidden = OPAQUE * (np.abs(bands.beside) < half + old_half)
+    begins, ends = hidden * (edges[0] > edges[2]), hidden * (edges[1] <= edges[3])
+    weight = bands.strength * np.stack([-begins, ends, 1.0 - (hidden - begins), (hidden - ends) - 1.0])
     weight[0] += 1.0
     weight[1] -= 1.0
     return edges, weight

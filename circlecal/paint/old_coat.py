@@ -2,7 +2,7 @@
 
 The middle of both together lies up to a pixel beside the middle of the new paint, a little more here and less there, as
 the old circle has another middle and another radius: cameras that hang on the circle are led astray by it. Across the
-paint the picture shows the sum of two bands of one width, and the fainter one is told from the other by where it lies
+paint the picture shows the sum of two bands, and the fainter one is told from the other by where it lies
 all round, not place by place.
 """
 
@@ -81,8 +81,10 @@ class OldCoat:
         How far outside the camera's curve the new paint's middle lies there, and how far outside that the old one's.
     blur_px : (B,) array
         Standard deviation of the blur across the curve there.
-    width_m : float
-        Width of the paint.
+    width_m, old_width_m : float
+        Width of the new paint, and of the old one.
+    growth_m : float
+        By how much the old circle's radius is larger.
     strength : float
         The old paint's light over that of the new one.
     gain : float
@@ -96,6 +98,7 @@ class OldCoat:
     beside_m: Array
     blur_px: Array
     width_m: float
+    old_width_m: float
     growth_m: float
     strength: float
     gain: float
@@ -115,7 +118,8 @@ class OldCoat:
         """Gray levels (N,) that it adds at places so far outside the camera's curve, by their angle (N,)."""
         values = self.scale, self.light, self.place_m, self.beside_m, self.blur_px
         scale, light, place, beside, blur = (np.interp(angle, self.angle, row, period=2.0 * np.pi) for row in values)
-        added = draw_old_band((outside_m - place) * scale, self.width_m * scale, beside * scale, blur)
+        width, old_width = self.width_m * scale, self.old_width_m * scale
+        added = draw_old_band((outside_m - place) * scale, width, old_width, beside * scale, blur)
         return np.asarray(light * self.strength * added)
 
 
@@ -193,7 +197,7 @@ def _list_starts(profiles: CoatProfiles, one: CoatBands, alone: NormalState, may
     is, and apart from it where two coats may be alike.
     """
     places = foretell_coats(profiles, one, alone)
-    starts = np.concatenate([np.tile(np.append(alone.parameters[0], 0.0), (len(places), 1)), places], axis=1)
+    starts = np.concatenate([np.tile(np.append(alone.parameters[0], (0.0, 0.0)), (len(places), 1)), places], axis=1)
     if not may_be_alike:
         return starts
     pairs = find_pairs(profiles, one)
@@ -216,8 +220,9 @@ def _describe(problem: CoatBands, parameters: Array, profiles: CoatProfiles, gai
     """The old coat of the pair of bands that parameters (1, P) stand for."""
     scale, bands = profiles.scale, problem.read(parameters)
     light, place, beside = problem.fit_light(bands)[0], bands.place[0] / scale, bands.beside[0] / scale
-    sizes = bands.blur[0], float(bands.width[0, 0] / scale[0]), float(parameters[0, -3]), float(bands.strength[0, 0])
-    return OldCoat(profiles.angle, scale, light, place, beside, *sizes, gain)
+    widths = float(bands.width[0, 0] / scale[0]), float(bands.old_width[0, 0] / scale[0])
+    growth, strength = float(parameters[0, -3]), float(bands.strength[0, 0])
+    return OldCoat(profiles.angle, scale, light, place, beside, bands.blur[0], *widths, growth, strength, gain)
 
 
 def _join_sectors(profiles: CoatProfiles) -> CoatProfiles:
@@ -239,7 +244,7 @@ def remove_old_coat(
 ) -> NDArray[np.float32]:
     """The picture (H, W) without the light of an old coat of a circle with a radius."""
     height, width = picture.shape
-    reach_m = float(np.abs(coat.place_m + coat.beside_m).max()) + coat.width_m + REACH_M
+    reach_m = float(np.abs(coat.place_m + coat.beside_m).max()) + coat.old_width_m + REACH_M
     turn = np.linspace(0.0, 2.0 * np.pi, OUTLINE, endpoint=False)
     ring = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
     near = np.zeros((height, width), np.uint8)

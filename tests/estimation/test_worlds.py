@@ -1,5 +1,6 @@
 """Which field it may be: what is asked of which naming of the lines, and where the answer that is taken ends."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -10,6 +11,8 @@ from circlecal.camera.problem import COARSE, FINAL, minimise, predict_step
 from circlecal.camera.spike_and_slab import Answer, World
 from circlecal.estimation import worlds as module
 from circlecal.estimation.worlds import _by_size, _reach
+from circlecal.field.template import Extent
+from circlecal.geometry.camera_parameters import INDEX
 from tests.camera.test_problem import observed, plain_theta, priors, problem_of
 
 WORLDS = tuple(World(size, is_flat, 1 / 6) for is_flat in (False, True) for size in ("usual", "other_length", "any"))
@@ -29,11 +32,11 @@ def fit_without_lines() -> module.Fit:
 
 def test_no_world_is_asked_twice_of_the_lines_of_a_usual_field():
     usual, other, resized = cast("list[Any]", ["usual", "other", "resized"])
-    asked = _by_size([usual, other], WORLDS, resized)
-    assert [case for case, _ in asked] == [usual, other, resized]
+    asked = _by_size([usual, other], WORLDS, [resized, resized])
+    assert [case for case, _ in asked] == [usual, other, resized, resized]
     assert asked[1][1] == WORLDS
     assert {world.size for world in asked[0][1]} == {"usual", "other_length"}
-    assert {world.size for world in asked[2][1]} == {"any"}
+    assert {world.size for _, worlds in asked[2:] for world in worlds} == {"any"}
     assert {*asked[0][1], *asked[2][1]} == set(WORLDS)
 
 
@@ -73,6 +76,35 @@ def test_lines_are_fitted_on_a_field_of_any_size_only_under_other_names(names, f
     assert (found is not None) == bool(fits)
 
 
+def test_a_field_of_any_size_is_asked_of_both_profiles_of_its_pitch():
+    fit = fit_without_lines()
+    any_size = next(world for world in WORLDS if world.size == "any" and not world.is_flat)
+    surface = fit.problem.model.surface
+    problems = [
+        replace(fit.problem, model=replace(fit.problem.model, surface=replace(surface, shape=shape)))
+        for shape in ("parabola", "roof", "roof")
+    ]
+    own, others = (SimpleNamespace(rule=lambda rule: rule) for _ in range(2))
+    case, stranger = cast("list[Any]", [(own, fit), (others, fit)])
+    answers = [Answer(any_size, problem, fit.state, -float(k)) for k, problem in enumerate(problems)]
+    found = [(answers[0], case), (answers[2], case), (answers[1], case), (answers[1], stranger)]
+    resized = module._resize([case], found, any_size)
+    assert [named for named, _ in resized] == [own, own]
+    assert {id(new.problem) for _, new in resized} == {id(problem) for problem in problems[:2]}
+
+
+@pytest.mark.parametrize(("beyond_m", "is_allowed"), [(-5.0, True), (1.2, True), (18.0, False)])
+def test_a_size_may_lie_outside_of_the_rules_by_its_own_error(beyond_m, is_allowed):
+    fit = fit_without_lines()
+    extent = Extent(68.0, (45.0, 90.0))
+    theta = fit.state.theta.copy()
+    theta[0, INDEX["breadth"]] = 90.0 + beyond_m - extent.size_m
+    any_size = next(world for world in WORLDS if world.size == "any" and not world.is_flat)
+    answer = Answer(any_size, fit.problem, replace(fit.state, theta=theta), 0.0)
+    template = cast("Any", SimpleNamespace(extents=(Extent(105.0, (90.0, 120.0)), extent)))
+    assert module._is_allowed([(answer, cast("Any", None))], template) is is_allowed
+
+
 @pytest.mark.parametrize("takes_names", [True, False])
 def test_noise_that_one_line_leaves_takes_no_names_away(takes_names, monkeypatch):
     fit = fit_without_lines()
@@ -100,7 +132,7 @@ def test_noise_that_one_line_leaves_takes_no_names_away(takes_names, monkeypatch
 
     monkeypatch.setattr(module, "possible_worlds", lambda *given: WORLDS)
     monkeypatch.setattr(module, "_compare_worlds", compare)
-    monkeypatch.setattr(module, "_resize", lambda *given: usual)
+    monkeypatch.setattr(module, "_resize", lambda *given: [usual])
     monkeypatch.setattr(module, "_may_be_of_any_size", lambda *given: True)
     monkeypatch.setattr(module, "_name_on_any_size", lambda *given: other)
     monkeypatch.setattr(module, "_may_hide_misfit", lambda *given: True)
@@ -132,7 +164,7 @@ def test_lines_are_named_anew_once_whichever_noise_asks_for_it(asks_at_first, mo
 
     monkeypatch.setattr(module, "possible_worlds", lambda *given: WORLDS)
     monkeypatch.setattr(module, "_compare_worlds", compare)
-    monkeypatch.setattr(module, "_resize", lambda *given: usual)
+    monkeypatch.setattr(module, "_resize", lambda *given: [usual])
     monkeypatch.setattr(module, "_may_be_of_any_size", lambda *given: next(answers))
     monkeypatch.setattr(module, "_name_on_any_size", name)
     monkeypatch.setattr(module, "_may_hide_misfit", lambda *given: True)

@@ -21,7 +21,7 @@ def make_profiles(strength, coat=(0.06, -0.08, 0.16), noise=1.0):
     beside = (harmonics(ANGLE, 1) @ np.array(coat) * SCALE)[:, None]
     width = (WIDTH_M * SCALE)[:, None]
     new = ndtr((offset_px + 0.5 * width) / 0.9) - ndtr((offset_px - 0.5 * width) / 0.9)
-    light = new + strength * draw_old_band(offset_px, width, beside, 0.9)
+    light = new + strength * draw_old_band(offset_px, width, width, beside, 0.9)
     level = 90.0 + 60.0 * light + np.random.default_rng(1).normal(0.0, noise, light.shape)
     turn = np.stack([np.cos(ANGLE) ** 2, np.sin(ANGLE) ** 2], axis=-1)
     return CoatProfiles(ANGLE, SCALE, offset_px, level, turn, noise)
@@ -46,7 +46,7 @@ def test_derivatives_are_those_of_the_residuals(has_old):
 def test_a_hint_is_what_a_faint_coat_changes():
     one, two = (CoatBands(make_profiles(0.3), WIDTH_M, has_old=has_old) for has_old in (False, True))
     alone = one.expected
-    faint = np.concatenate([alone, [np.log(0.001 / 0.3), 0.1, 0.0, 0.0]])
+    faint = np.concatenate([alone, [np.log(0.001 / 0.3), 0.0, 0.1, 0.0, 0.0]])
     change = (two.linearise(faint[None])[0][0] - one.linearise(alone[None])[0][0]) / 0.001
     # the light is fitted anew: what it does there is small to first order
     off = change - one.hint(alone, np.array([0.1]))[0]
@@ -64,7 +64,9 @@ def test_exchanged_bands_lie_at_each_others_place():
 
 def test_what_the_new_paint_covers_is_hidden():
     x = np.linspace(-6.0, 6.0, 49)
-    assert draw_old_band(x, 3.0, 0.0, 0.8) == pytest.approx(0.2 * draw_old_band(x - 20.0, 3.0, -20.0, 0.8), abs=1e-4)
+    assert draw_old_band(x, 3.0, 3.0, 0.0, 0.8) == pytest.approx(
+        0.2 * draw_old_band(x - 20.0, 3.0, 3.0, -20.0, 0.8), abs=1e-4
+    )
 
 
 @pytest.mark.parametrize("strength", [0.2, 0.5])

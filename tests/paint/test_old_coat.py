@@ -38,19 +38,19 @@ def field_of_pixels():
     return VIEW.to_field(pixels.reshape(-1, 2)).reshape(720, 1280, 2)
 
 
-def draw_ring(growth=0.0, x=0.0, y=0.0, blur_px=0.8):
+def draw_ring(growth=0.0, x=0.0, y=0.0, blur_px=0.8, width_m=SOCCER.marking_width_m):
     """Share (H, W) of each pixel that a ring of paint covers, blurred."""
     outside_m = np.linalg.norm(field_of_pixels() - (x, y), axis=-1) - RADIUS - growth
     metres = np.hypot(*np.gradient(outside_m))
-    half = 0.5 * SOCCER.marking_width_m
+    half = 0.5 * width_m
     edges = ((outside_m + side * half) / metres / blur_px for side in (1.0, -1.0))
     outer, inner = (ndtr(edge) for edge in edges)
     return np.nan_to_num(outer - inner)
 
 
-def picture(strength, seed=0):
-    """Grass with the circle, and what is left of an old one."""
-    new = draw_ring()
+def picture(strength, seed=0, width_m=SOCCER.marking_width_m):
+    """Grass with the circle, and what is left of an old one, which may have been painted wider."""
+    new = draw_ring(width_m=width_m)
     image = 90.0 + 90.0 * (new + strength * (1.0 - 0.8 * new) * draw_ring(*OLD))
     return (image + np.random.default_rng(seed).normal(0.0, 2.0, image.shape)).clip(0, 255).astype(np.uint8)
 
@@ -87,6 +87,14 @@ def test_an_old_coat_is_told_from_the_new_paint(coated):
     expected = OLD[0] + OLD[1] * np.cos(coat.angle) + OLD[2] * np.sin(coat.angle)
     assert np.abs(coat.beside_m - expected).max() < 0.04
     assert np.abs(coat.place_m * coat.scale).max() < 0.15
+
+
+def test_an_old_coat_may_be_wider_than_the_new_paint():
+    coat = look_for_coat(picture(0.4, width_m=0.08))
+    assert coat is not None
+    assert coat.width_m == pytest.approx(0.08, abs=0.01)
+    assert coat.old_width_m == pytest.approx(0.12, abs=0.02)
+    assert np.abs(coat.place_m).max() < 0.005
 
 
 def test_the_new_paint_is_found_beside_a_camera_that_the_old_one_led_astray(coated):
