@@ -95,6 +95,8 @@ def test_nothing_sticks_out_of_the_window(browser, server):
             "const b = document.getElementById('stage').getBoundingClientRect(); return [b.width, b.height]"
         )
         assert stage[0] > 300 and stage[1] > 200
+        drawn = "[...document.querySelectorAll('#drawing .traced')].map((e) => e.getBoundingClientRect().width)"
+        assert max(browser.run(f"return {drawn}")) > 50, "what was measured is drawn on screens of every width"
         pairs = browser.run(CONTRASTS)
         assert len(pairs) >= 3
         for pair, where in pairs.items():

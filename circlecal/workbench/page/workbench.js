@@ -225,6 +225,7 @@ const tell = () => {
   const good = answer.status === "calibrated";
   const verdict = by("verdict");
   verdict.textContent = annotation.flag ? words(annotation.flag) : good ? `calibrated, sigma ${answer.sigma_px?.toFixed(1) ?? "?"} px (${answer.rating}), ${answer.sigma_m?.toFixed(2) ?? "?"} m` : `refused: ${answer.reason}`;
+  verdict.title = verdict.textContent;  // narrow windows cut it off
   verdict.className = `chip ${good ? "yes" : "no"}`;
   by("advice").className = good ? "yes" : "no";
   by("missing").textContent = good ? "Calibrated. Look whether the template lies on the paint." : answer.missing || answer.reason || "";
