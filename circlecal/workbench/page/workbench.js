@@ -228,7 +228,8 @@ const tell = () => {
   verdict.title = verdict.textContent;  // narrow windows cut it off
   verdict.className = `chip ${good ? "yes" : "no"}`;
   by("advice").className = good ? "yes" : "no";
-  by("missing").textContent = good ? "Calibrated. Look whether the template lies on the paint." : answer.missing || answer.reason || "";
+  const doubt = list?.frames[index]?.[1] === "doubtful" ? `, but known to ${answer.sigma_px?.toFixed(0) ?? "?"} px only: one more line or point helps` : "";
+  by("missing").textContent = good ? `Calibrated${doubt}. Look whether the template lies on the paint.` : answer.missing || answer.reason || "";
   const fits = Object.entries(answer.suggested);
   const buttons = [];
   if (fits.length) buttons.push(make("button", { type: "button", onclick: accept }, `Accept ${fits.length === 1 ? "the line that fits" : `${fits.length} lines that fit`}: ${[...new Set(fits.map(([, name]) => words(name)))].join(", ")} `, make("kbd", { textContent: "a" })));
