@@ -158,8 +158,8 @@ def _list_beginnings(edges: list[Band], found: list[Band]) -> list[tuple[Band, b
 
 
 def _ends_at(box: Band, edge: Band, below: bool) -> bool:
-    """Whether an edge is the lower, or the upper, one of a box."""
-    return edge.top <= (box.bottom if below else box.top) <= edge.bottom
+    """Whether an edge, in grey, is the lower, or the upper, one of a box, whose edges were found in colour."""
+    return edge.top - RIM_PX <= (box.bottom if below else box.top) <= edge.bottom + RIM_PX
 
 
 def _is_beside(box: Band, others: list[Band]) -> bool:

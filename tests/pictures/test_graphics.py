@@ -4,7 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
+from circlecal.evaluation.bench.detect import PROFILES
 from circlecal.pictures.graphics import Band, cover_bands, fill_bands, find_bands, lie_clear
+from circlecal.synthetic.sampling import render_frame
 
 TURF, BOX = (60, 130, 70), (120, 40, 30)
 
@@ -54,6 +56,16 @@ def test_a_box_right_below_another_one_is_found_too():
     assert abs(first.bottom - 240) <= 3
     assert first.bottom < second.top <= 244
     assert abs(second.bottom - 280) <= 3
+
+
+def test_an_edge_that_two_boxes_share_may_step_in_colour_before_it_steps_in_grey():
+    """The lower box ends on a crowd, and is wider: rows 146 to 149 step in colour, 147 and 148 in grey."""
+    rng = np.random.default_rng([9916, 97, PROFILES.index("world_banners")])
+    image = render_frame("world_banners", rng, 1280, 720).image
+    upper, lower = find_bands(image)
+    assert (upper.top, upper.right) == (pytest.approx(128, abs=3), pytest.approx(972, abs=12))
+    assert (lower.top, lower.bottom) == (pytest.approx(150, abs=3), pytest.approx(201, abs=3))
+    assert lower.right - lower.left > 1250
 
 
 def test_the_field_between_two_boxes_is_none():

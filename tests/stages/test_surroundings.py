@@ -78,6 +78,18 @@ def test_surface_far_beyond_the_border_speaks_against_a_camera_without_further_l
     assert weigh_ground(found, replace(fit, named_lines=())).code == "picture_contradicts"
 
 
+@pytest.mark.parametrize(("seats_sd", "status"), [(3, "refused"), (40, "calibrated")])
+def test_seats_of_the_colour_of_the_field_are_no_surface_beyond_its_border(seats_sd, status):
+    fit, region = fit_of(LOW), region_of(LOW, 6.0)
+    field = cv2.resize(region.astype(np.uint8), SIZE[::-1], interpolation=cv2.INTER_NEAREST) > 0
+    rng = np.random.default_rng(1)
+    stand = rng.normal(90, seats_sd, SIZE).clip(0, 255)
+    found = measure_surroundings(
+        np.where(field, picture(), stand).astype(np.uint8), mask_of(np.ones_like(region)), fit, SOCCER
+    )
+    assert weigh_ground(found, fit).status == status
+
+
 def test_a_stand_before_the_field_that_fills_half_of_the_picture_speaks_against_a_camera():
     region = region_of(CAMERA, 6.0)
     camera = view(position=(3.0, 60.0, -12.0), target=(0.0, 40.0, 0.0), focal=700.0)
