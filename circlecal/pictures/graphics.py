@@ -46,6 +46,11 @@ GROUND_SHARE, BEYOND_SHARE = 0.5, 0.25
 """Least share of a row that has the ground's colour within a box, letters aside, and the largest of the rows beyond its
 end: a crowd, or players and paint, have it here and there.
 """
+LETTERS, SIDE_COLUMNS = (0.01, 0.4), 3
+"""Share of a box's ground, from its edge to the bottom of the picture, that letters take, and columns to both sides of
+it that do not have its colour: a track or a run-off beside the field has no letters, and goes on where the lens bends
+its edge. Tickers of rendered frames have 0.02 to 0.06, and end where their edge does.
+"""
 FIELD_SHARE, FIELD_EVERY = 0.25, 8
 """Share of the rest of the picture, each so many-th row and column, that may have the colour of a box at the most: what
 lies between two boxes is field, and goes on beyond them.
@@ -169,8 +174,8 @@ def _is_beside(box: Band, others: list[Band]) -> bool:
 
 def _grow(image: NDArray[np.uint8], edge: Band, below: bool, others: list[Band]) -> Band | None:
     """The box of a thinned picture below or above a level edge, as far as the rows go on in the colour that they have
-    at the edge, at most to another box; None where that does not end along a row, or the colour is back behind a
-    stripe.
+    at the edge, at most to another box, or with letters on it to the bottom of the picture; None where that does not
+    end along a row, or the colour is back behind a stripe.
     """
     height, stripe = len(image), RIM_PX + round(TRIM * len(image))
     sides = (np.arange(edge.bottom + RIM_PX, height), np.arange(edge.top - RIM_PX, -1, -1))
@@ -189,17 +194,31 @@ def _grow(image: NDArray[np.uint8], edge: Band, below: bool, others: list[Band])
     share = _share_of_rows(is_ground[:, own[0] : own[-1] + 1])
     goes_on = share >= GROUND_SHARE
     reaches_other = room < len(rows) and bool(goes_on[:room].all())
-    first = room if reaches_other else int(np.argmin(goes_on))
+    reaches_border = room == len(rows) and bool(goes_on.all()) and int(rows[-1]) == height - 1
+    reaches_end = reaches_other or reaches_border
+    first = room if reaches_end else int(np.argmin(goes_on))
     before = _share_of_rows(_has_colour(image[outside[:stripe], left : right + 1], ground))
     beyond = share[first + RIM_PX : first + stripe]
-    if not reaches_other and (len(beyond) < RIM_PX or beyond.max() > BEYOND_SHARE):
+    if not reaches_end and (len(beyond) < RIM_PX or beyond.max() > BEYOND_SHARE):
         return None
     if before.max(initial=0.0) > BEYOND_SHARE:
         return None
     last = int(rows[first - 1])
     box = Band(edge.top, last, left, right) if below else Band(last, edge.bottom, left, right)
+    if reaches_border and not _is_ticker(image, box, ground):
+        return None
     most_elsewhere = BESIDE_SHARE if _is_beside(box, others) else FIELD_SHARE
     return box if first >= least and _is_box(image, box, most_elsewhere) else None
+
+
+def _is_ticker(image: NDArray[np.uint8], box: Band, ground: NDArray[np.float64]) -> bool:
+    """Whether a box of a thinned picture with a ground's colour (3,) has letters on it, and ends to both sides."""
+    rows = slice(box.top + RIM_PX, box.bottom + 1)
+    letters = 1.0 - float(_has_colour(image[rows, box.left : box.right + 1], ground).mean())
+    left, right = max(box.left - SIDE_COLUMNS, 0), box.right + 1
+    beside = np.concatenate([image[rows, left : box.left], image[rows, right : right + SIDE_COLUMNS]], axis=1)
+    goes_on = beside.size > 0 and float(_has_colour(beside, ground).mean()) > BEYOND_SHARE
+    return LETTERS[0] <= letters <= LETTERS[1] and not goes_on
 
 
 def _count_free(rows: NDArray[np.int_], edge: Band, others: list[Band]) -> int:

@@ -68,6 +68,24 @@ def test_an_edge_that_two_boxes_share_may_step_in_colour_before_it_steps_in_grey
     assert lower.right - lower.left > 1250
 
 
+@pytest.mark.parametrize(("left", "right"), [(0, 639), (80, 500)])
+def test_a_ticker_reaches_to_the_bottom_of_the_picture(left, right):
+    (band,) = find_bands(with_box(field(0.05), top=310, bottom=359, left=left, right=right))
+    assert abs(band.top - 310) <= 3 and band.bottom == 359
+    assert max(abs(band.left - left), abs(band.right - right)) <= 24
+
+
+def test_a_plain_run_off_at_the_bottom_of_the_picture_is_no_ticker():
+    """It has no letters; or they are a mat's, and it goes on where the lens bends its edge."""
+    run_off = field(0.05)
+    run_off[310:] = BOX
+    assert find_bands(run_off) == ()
+    bent = with_box(field(0.05), top=310, bottom=359, left=100, right=540)
+    for k in range(100):
+        bent[312 + k // 20 :, [99 - k, 540 + k]] = BOX
+    assert find_bands(bent) == ()
+
+
 def test_the_field_between_two_boxes_is_none():
     """Where it is as plain as they are, and most of the rest is a crowd."""
     image = field()
