@@ -160,7 +160,7 @@ def _print_report(report: TrackReport, run: ClipRun, out: Path, *, as_json: bool
     if cameras:
         console.print_table(
             "Cameras",
-            ["clip", "camera", "frames", "x m", "y m", "z m", "pitch m"],
+            ["clip", "camera", "found from", "x m", "y m", "z m", "pitch m"],
             [
                 [c["clip"], c["camera"], str(c["frames"])]
                 + [show_with_sigma(*c[axis]) for axis in ("x_m", "y_m", "z_m")]
