@@ -19,7 +19,7 @@ from circlecal.cli.convert import convert
 from circlecal.cli.debug import debug
 from circlecal.cli.evaluate import evaluate
 from circlecal.cli.fields import fields
-from circlecal.cli.plain_flags import PlainCommand, PlainGroup
+from circlecal.cli.plain_flags import PlainGroup, PlainTyper
 from circlecal.cli.project import project
 from circlecal.cli.report import report
 from circlecal.cli.rig import rig
@@ -72,7 +72,7 @@ class _Commands(PlainGroup):
             return super().invoke(ctx)
 
 
-app = typer.Typer(
+app = PlainTyper(
     cls=_Commands,
     help="Calibrate a sports camera from the circle of a field marking.",
     no_args_is_help=True,
@@ -80,21 +80,21 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
     epilog="Exit code: 0 all calibrated, 1 some refused, 2 wrong use or input, 130 interrupted.",
 )
-app.command(cls=PlainCommand)(calibrate)
-app.command(cls=PlainCommand)(batch)
-app.command(cls=PlainCommand)(track)
-app.command(cls=PlainCommand)(rig)
-app.command(cls=PlainCommand)(report)
-app.command(cls=PlainCommand)(annotate)
-app.command(cls=PlainCommand)(debug)
-app.command(cls=PlainCommand)(convert)
-app.command(cls=PlainCommand)(evaluate)
-app.command(cls=PlainCommand)(audit)
-app.command(cls=PlainCommand, context_settings={"ignore_unknown_options": True})(project)
-app.command(cls=PlainCommand)(config)
-app.command(cls=PlainCommand)(fields)
-app.command(cls=PlainCommand)(synth)
-app.command(cls=PlainCommand)(simulate)
+app.command()(calibrate)
+app.command()(batch)
+app.command()(track)
+app.command()(rig)
+app.command()(report)
+app.command()(annotate)
+app.command()(debug)
+app.command()(convert)
+app.command()(evaluate)
+app.command()(audit)
+app.command(context_settings={"ignore_unknown_options": True})(project)
+app.command()(config)
+app.command()(fields)
+app.command()(synth)
+app.command()(simulate)
 app.add_typer(bench.app, name="bench")
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import typer
 from typer.core import TyperCommand, TyperGroup
 
 
@@ -28,3 +29,11 @@ class PlainGroup(TyperGroup):
     def get_params(self, ctx: Any) -> list[Any]:
         """Its own options."""
         return _hide_types_of_switches(super().get_params(ctx))
+
+
+class PlainTyper(typer.Typer):
+    """An application all of whose commands are such."""
+
+    def command(self, name: str | None = None, **settings: Any) -> Any:
+        """Add a function as a command; as :meth:`typer.Typer.command` takes it."""
+        return super().command(name, cls=PlainCommand, **settings)
