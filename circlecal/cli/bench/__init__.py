@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import typer
-
 from circlecal.cli.bench.clips import track
 from circlecal.cli.bench.endurance import faults, fuzz, soak, time_batch
 from circlecal.cli.bench.frames import constants, detect, sports
