@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,6 +52,10 @@ OUTSIDE_SUPPORT = 0.7
 SHORTEST_RUN = 0.75
 """Half chords over which a line that is seen outside the circle only is drawn at least, from there to its end: the
 halfway line runs for 2.7 more on the field, which perspective shortens on the far side.
+"""
+WIDENED = 2.0
+"""How many times as far to both sides a line is looked for where none is found: in a close view its paint is as wide as
+the usual profiles are long, 14 to 20 px of 1280 on three rendered frames.
 """
 BESIDE_SUPPORT, LEAST_BESIDE = 0.4, 0.15
 """Smallest drawn share of what is visible, within :data:`FURTHEST`, of a line that is bare inside the circle but runs
@@ -147,12 +152,13 @@ def find_halfway(
     lines = join(lift(segments[:, 0]), lift(segments[:, 1]))
     local = normalise_line(transform_lines(to_unit, lines))
     distance = np.abs(local[:, 2])
-    nearest = [k for k in np.argsort(distance)[:MOST_TRIED] if distance[k] <= config.halfway.distance]
-    for is_beside in (False, True):
+    near = [k for k in np.argsort(distance)[:MOST_TRIED] if distance[k] <= config.halfway.distance]
+    nearest = near
+    for widened, is_beside in itertools.product((1.0, WIDENED), (False, True)):
         best: tuple[float, MeasuredLine] | None = None
-        tried, nearest = nearest, []
+        tried, nearest = nearest if is_beside else near, []
         for index in tried:
-            measured = _follow_line(gray, circle, local[index], config, is_beside=is_beside)
+            measured = _follow_line(gray, circle, local[index], config, is_beside=is_beside, widened=widened)
             if _measure_share(measured.curve) >= LEAST_SEEN:
                 nearest.append(index)
             refined = abs(float(normalise_line(transform_lines(to_unit, measured.line))[2]))
@@ -224,11 +230,17 @@ def _is_drawn(line: MeasuredLine) -> bool:
 
 
 def _follow_line(
-    gray: NDArray[np.uint8], circle: MeasuredCircle, local: Array, config: DetectorConfig, *, is_beside: bool
+    gray: NDArray[np.uint8],
+    circle: MeasuredCircle,
+    local: Array,
+    config: DetectorConfig,
+    *,
+    is_beside: bool,
+    widened: float = 1.0,
 ) -> MeasuredLine:
     """Follow a line, given in the unit circle's frame, through the circle and beyond; fit it inside the circle, or
     wherever it is drawn where the picture shows it outside only, or its paint inside may be worn off (``is_beside``):
-    then one side of it may lead to the other.
+    then one side of it may lead to the other. Its first profiles are ``widened`` times as long as usual.
     """
     width = gray.shape[1]
     refinement = config.refinement
@@ -245,7 +257,7 @@ def _follow_line(
     share = (np.arange(count) + 0.5) / count
     chords = extent[0] + share * (extent[1] - extent[0])
     pieces = np.arange(count) * PIECES // count
-    reach = np.full(count, max(refinement.line_reach_px * width / 1920.0, LEAST_REACH_PX))
+    reach = np.full(count, widened * max(refinement.line_reach_px * width / 1920.0, LEAST_REACH_PX))
     inner = np.abs(chords) <= INSIDE
     line = normalise_line(join(lift(start), lift(end)))
     curve = _measure_between(gray, start, end, share, reach, pieces, circle.sign)

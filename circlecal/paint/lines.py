@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.geometry.medians import median_of_rows
-from circlecal.geometry.projective import Array, line_distance
-from circlecal.paint.bands import measure_bands, rise_above_noise, stand_out
-from circlecal.paint.profiles import GrayPicture, sample_profiles, smooth_along
+from circlecal.geometry.projective import Array, Mask, line_distance
+from circlecal.paint.bands import Bands, measure_bands, rise_above_noise, stand_out
+from circlecal.paint.profiles import GrayPicture, Profiles, sample_profiles, smooth_along
 from circlecal.results import LineCue, Segment
 
 __all__ = ["ONE_ROUND", "TWO_ROUNDS", "WIDE_ROUND", "Rounds", "measure_lines"]
@@ -48,6 +48,10 @@ EXPECTED_PX = 3.0
 LEAST_UNIT = 2 / 3
 """Pixels per pixel at 1920 px width, at the least, for these lengths: smaller pictures are blurred as much, in pixels,
 as those of 1280 px width.
+"""
+ALONG_BORDER, BORDER_PX = 0.5, 2.0
+"""Share of the profiles across a marking that leave the picture, from which on it runs along the border and is measured
+there all the same; and pixels of the surface that must be seen between its paint and the border.
 """
 STANDS_OUT_SHARE = 0.5
 """Of its width, over which thin paint stands out above the ground right beside it: 0.5 to 0.6 along 100 rendered lines.
@@ -212,18 +216,41 @@ def _band_samples(
     if widths.max() > PLAIN_WIDTH_PX * unit:
         stretch = np.maximum(1.0, (along[6] + share * along[7]) / (PLAIN_WIDTH_PX * unit))
         normals = normals * stretch
-    profiles = smooth_along(sample_profiles(picture, base.T, normals.T, offsets), 1.0)
+    profiles = sample_profiles(picture, base.T, normals.T, offsets)
+    bordering = _run_along_border(profiles, piece)
+    if bordering.any():
+        beside = base.T[bordering], normals.T[bordering]
+        profiles[bordering] = sample_profiles(picture, *beside, offsets, repeat_border=True)
+    profiles = smooth_along(profiles, 1.0)
     if stands_out:
         nearest, farthest = BESIDE_PX
         blurred = max(unit, LEAST_UNIT)
         profiles = stand_out(profiles, offsets, (nearest * blurred, farthest * blurred))
     bands = measure_bands(profiles, offsets, reach_px)
+    if bordering.any():
+        own &= ~bordering | _show_both_sides(picture, base, normals, bands)
     valid = np.flatnonzero(own & rise_above_noise(bands, noise) & (bands.width < 24 * max(unit, 0.5)))
     base, normals = base.take(valid, axis=1), normals.take(valid, axis=1)
     middles = base + bands.center.take(valid) * normals
     edges = base + np.stack([bands.left.take(valid), bands.right.take(valid)])[:, None] * normals
     sigma = bands.sigma(noise) * (1.0 if stretch is None else stretch)
     return _BandSamples(middles, edges, sigma.take(valid), piece.take(valid), drawn)
+
+
+def _run_along_border(profiles: Profiles, piece: NDArray[np.int_]) -> Mask:
+    """Which profiles (N, S) across pieces (N,) are of one that runs so near to the picture's border that most of its
+    profiles leave the picture.
+    """
+    leaves = np.isnan(profiles[:, 0]) != np.isnan(profiles[:, -1])
+    share = np.bincount(piece, leaves) / np.maximum(np.bincount(piece), 1)
+    return np.asarray((share > ALONG_BORDER)[piece])
+
+
+def _show_both_sides(picture: GrayPicture, base: Array, normals: Array, bands: Bands) -> Mask:
+    """Which bands across places (2, N) have some of the surface in the picture beside both of their edges."""
+    last = np.array(picture.shape[::-1])[:, None] - 1.0 - BORDER_PX
+    edges = base + np.stack([bands.left, bands.right])[:, None] * normals
+    return np.asarray(((edges >= BORDER_PX) & (edges <= last)).all(axis=(0, 1)))
 
 
 def _make_cue(line: Array, ends: Array, samples: _BandSamples, mine: NDArray[np.int_], drawn: int) -> LineCue:
