@@ -1,3 +1,4 @@
+import cv2
 import numpy as np
 import pytest
 
@@ -45,6 +46,15 @@ def test_the_line_through_the_middle_is_chosen(crossed: Scene) -> None:
 def test_a_line_off_the_middle_is_none(crossed: Scene) -> None:
     gray, circle = measured(crossed)
     assert find_halfway(gray, circle, segment(crossed, (5, -9), (5, 9))[None], CONFIG) is None
+
+
+def test_a_line_that_is_wider_in_the_picture_than_profiles_are_long_is_found(crossed: Scene) -> None:
+    gray, circle = measured(crossed)
+    start, end = np.rint(segment(crossed, (0, -14), (0, 14))).astype(int).tolist()
+    wide = cv2.line(gray.copy(), start, end, int(np.percentile(gray, 99.9)), 11)
+    line = find_halfway(wide, circle, segment(crossed, (0, -8), (0, 8))[None], CONFIG)
+    assert line is not None
+    assert line.support > 0.9
 
 
 def test_a_line_that_is_not_painted_is_none() -> None:

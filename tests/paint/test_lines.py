@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.special import expit
 
 from circlecal.paint.lines import ONE_ROUND, measure_lines
 from circlecal.results import Segment
@@ -73,3 +74,22 @@ def test_nothing_to_measure():
 def test_a_marking_beyond_the_search_is_not_found():
     away = on_line(LINES[0], (60.0, 250.0), (20.0, 20.0))
     assert measure_lines(painted(), [away], NOISE, *SEARCHED) == [None]
+
+
+@pytest.mark.parametrize(("middle_px", "is_found"), [(9.0, True), (3.0, False)])
+def test_a_marking_along_the_border_is_measured_where_both_of_its_edges_show(middle_px, is_found):
+    """Its profiles leave the picture; of one that touches the border one edge is unknown."""
+    line = np.array([1.0, 0.01, -middle_px - 2.4])
+    line /= np.hypot(*line[:2])
+    y, x = np.mgrid[:480, :800]
+    distance = np.abs(line @ np.stack([x.ravel(), y.ravel(), np.ones(x.size)]))
+    cover = expit((4.0 - distance) * 1.7)
+    light = TURF + (PAINT - TURF) * cover + np.random.default_rng(5).normal(0.0, NOISE, x.size)
+    picture = np.clip(np.rint(light), 0, 255).astype(np.uint8).reshape(x.shape)
+    ends = np.array([[-(line[1] * row + line[2]) / line[0], row] for row in (20.0, 460.0)])
+    (cue,) = measure_lines(picture, [Segment(*ends)], NOISE, *SEARCHED)
+    assert (cue is not None) is is_found
+    if cue is not None:
+        off = cue.points_px @ line[:2] + line[2]
+        assert np.abs(off).mean() < 0.1 and len(off) > 150
+        assert cue.width_px == pytest.approx(8.0, abs=0.5)
