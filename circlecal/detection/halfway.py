@@ -53,9 +53,10 @@ SHORTEST_RUN = 0.75
 """Half chords over which a line that is seen outside the circle only is drawn at least, from there to its end: the
 halfway line runs for 2.7 more on the field, which perspective shortens on the far side.
 """
-WIDENED = 2.0
-"""How many times as far to both sides a line is looked for where none is found: in a close view its paint is as wide as
-the usual profiles are long, 14 to 20 px of 1280 on three rendered frames.
+WIDENED, WIDE_SHARE = 2.0, 0.8
+"""How many times as far to both sides a line is looked for where none is found, and how wide its paint is then, over
+the usual half length of profiles: in a close view it may be as wide as these are long, 14 to 20 px of 1280 on three
+rendered frames. A seam of a real hall's floor, found by longer profiles alone, is 0.3 half lengths wide.
 """
 BESIDE_SUPPORT, LEAST_BESIDE = 0.4, 0.15
 """Smallest drawn share of what is visible, within :data:`FURTHEST`, of a line that is bare inside the circle but runs
@@ -164,6 +165,8 @@ def find_halfway(
             refined = abs(float(normalise_line(transform_lines(to_unit, measured.line))[2]))
             if not _is_halfway(measured, circle, refined, config):
                 continue
+            if widened > 1.0 and _usual_width(measured.curve) < WIDE_SHARE * _reach_px(config, gray.shape[1]):
+                continue
             value = measured.support - refined
             if best is None or value > best[0]:
                 best = value, measured
@@ -215,6 +218,16 @@ def _usual_contrast(curve: MeasuredCurve) -> float:
     return float(median_of_rows(curve.contrast[curve.supported])) if curve.supported.any() else 0.0
 
 
+def _usual_width(curve: MeasuredCurve) -> float:
+    """Usual width of what is drawn, px."""
+    return float(median_of_rows(curve.width[curve.supported])) if curve.supported.any() else 0.0
+
+
+def _reach_px(config: DetectorConfig, width: int) -> float:
+    """Half length of a line's first profiles in a picture of this width, px."""
+    return max(config.refinement.line_reach_px * width / 1920.0, LEAST_REACH_PX)
+
+
 def _is_drawn(line: MeasuredLine) -> bool:
     """Whether enough of the line is drawn inside the circle, or a little there and enough of it altogether; outside it
     more of one side, or some of both.
@@ -257,7 +270,7 @@ def _follow_line(
     share = (np.arange(count) + 0.5) / count
     chords = extent[0] + share * (extent[1] - extent[0])
     pieces = np.arange(count) * PIECES // count
-    reach = np.full(count, widened * max(refinement.line_reach_px * width / 1920.0, LEAST_REACH_PX))
+    reach = np.full(count, widened * _reach_px(config, width))
     inner = np.abs(chords) <= INSIDE
     line = normalise_line(join(lift(start), lift(end)))
     curve = _measure_between(gray, start, end, share, reach, pieces, circle.sign)
