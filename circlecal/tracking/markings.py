@@ -53,8 +53,6 @@ class DrawnTemplate:
         Points along each, metres.
     shifts : (K, 3, 2) array
         How each moves with the sizes of the field.
-    stretches : (K, 2) array
-        By how much each metre of its coordinates stretches per metre of length and of width of the field.
     center, radius, first, last : (K, 2), (K,), (K,), (K,) arrays
         Circles: centre, radius of the centreline, first and last angle. Lines have a radius of 0.
     by_width : (K,) array
@@ -64,7 +62,6 @@ class DrawnTemplate:
     names: tuple[str, ...]
     nodes: Array
     shifts: Array
-    stretches: Array
     center: Array
     radius: Array
     first: Array
@@ -97,14 +94,16 @@ def _read_curves(template_json: str) -> DrawnTemplate:
     names, nodes, shifts = template.outlines
     round_ones = (*template.circles, *template.arcs)
     ends = [(0.0, 360.0)] * len(template.circles) + [(arc.start_deg, arc.end_deg) for arc in template.arcs]
-    K = len(names)
+    K, C = len(names), len(round_ones)
     center, radius, first, last, by_width = np.zeros((K, 2)), *np.zeros((4, K))
     for k, (circle, (start, end)) in enumerate(zip(round_ones, ends, strict=True)):
         center[k], radius[k] = circle.center, template.radius(circle, "center")
         first[k], last[k] = np.radians(start), np.radians(end)
         by_width[k] = template.radius(circle, "center", 1.0) - template.radius(circle, "center", 0.0)
-    stretches = np.array([template.growth_of(marking)[1] for marking in nodes])
-    return DrawnTemplate(names, nodes, shifts, stretches, center, radius, first, last, by_width)
+    shifts = shifts.copy()
+    # the arcs of the penalty areas move with the goal lines
+    shifts[:C, 1, 0] = np.where(np.abs(center[:C, 0]) > 1.0, np.sign(center[:C, 0]) / 2.0, 0.0)
+    return DrawnTemplate(names, nodes, shifts, center, radius, first, last, by_width)
 
 
 def template_curves(template: FieldTemplate) -> DrawnTemplate:
@@ -158,7 +157,6 @@ class Places:
 def grow_places(drawn: DrawnTemplate, marking: Indices, field_m: Array, theta: Array) -> Array:
     """Places (M, 2) of the template on a field with the sizes of ``theta`` (P,)."""
     moved = field_m + np.einsum("s,msi->mi", theta[SIZES], drawn.shifts[marking])
-    moved += theta[SIZES[1:]] * drawn.stretches[marking] * field_m
     swollen = theta[SIZES[0]] * drawn.by_width[marking]
     round_ones = np.flatnonzero((drawn.radius[marking] > 0) & (swollen != 0))
     if len(round_ones):
@@ -171,7 +169,6 @@ def rows_of(drawn: DrawnTemplate, marking: Indices, field_m: Array, seen: Projec
     """Derivatives (M, P) along normals (M, 2) by all parameters of the first camera, sizes of the field among them."""
     rows, by_field = (values[0] for values in seen.gradient(normals.T[None]))
     rows[SIZES] = np.einsum("msi,im->sm", drawn.shifts[marking], by_field)
-    rows[SIZES[1:]] += (drawn.stretches[marking] * field_m).T * by_field
     outward = np.where(
         drawn.radius[marking, None] > 0,
         (field_m - drawn.center[marking]) / np.maximum(drawn.radius[marking, None], 1e-9),
@@ -219,8 +216,7 @@ def place_markings(
     marking = span // (N - 1)
     share = (span % (N - 1) + within) / (N - 1)
     field_m = drawn.places(marking, share)
-    grown = grow_places(drawn, marking, field_m, theta)
-    seen = project(theta[None], grown[None], model)
+    seen = project(theta[None], grow_places(drawn, marking, field_m, theta)[None], model)
     # along the marking on the ground, and from there in the picture
     direction = drawn.nodes[marking, -1] - drawn.nodes[marking, 0]
     beside = field_m - drawn.center[marking]
@@ -235,7 +231,7 @@ def place_markings(
     inside = (found > MARGIN_PX).all(axis=1) & (
         found < (model.width - 1 - MARGIN_PX, model.height - 1 - MARGIN_PX)
     ).all(1)
-    inside &= seen.visible[0] & (width_px > FAINTEST_PX) & ~_lie_in_goals(field_m, grown, drawn)
+    inside &= seen.visible[0] & (width_px > FAINTEST_PX) & ~_lie_in_goals(field_m, drawn)
     rows = rows_of(drawn, marking, field_m, seen, normals)
     bend = _curvatures(marking, drawn.radius[marking] > 0, found, normals, spacing)
     found_places = marking, field_m, found, normals, width_px, scale, bend, rows
@@ -255,9 +251,7 @@ def _curvatures(marking: Indices, is_round: Mask, pixels: Array, normals: Array,
     return np.where(is_one, -(turned * along).sum(axis=1) / np.maximum(way, 1e-9), 0.0)
 
 
-def _lie_in_goals(field_m: Array, grown_m: Array, drawn: DrawnTemplate) -> Mask:
-    """Which places (M, 2) of the template, grown (M, 2) as the field is, lie between and beside the posts of a goal,
-    whose net and shadow hide the line.
-    """
+def _lie_in_goals(field_m: Array, drawn: DrawnTemplate) -> Mask:
+    """Which places (M, 2) lie between and beside the posts of a goal, whose net and shadow hide the line."""
     end = drawn.nodes[..., 0].max() - BORDER_M
-    return np.asarray((np.abs(field_m[:, 0]) > end) & (np.abs(grown_m[:, 1]) < GOAL_REACH_M), np.bool_)
+    return np.asarray((np.abs(field_m[:, 0]) > end) & (np.abs(field_m[:, 1]) < GOAL_REACH_M), np.bool_)

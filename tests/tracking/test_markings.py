@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from circlecal.field.view import FieldView
-from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, project
+from circlecal.geometry.camera_parameters import project
 from circlecal.tracking.markings import Places, grow_places, place_markings, template_curves
 from circlecal.tracking.one_line import keep_one_line
 from circlecal.tracking.seen_paint import measure_markings
@@ -65,44 +64,3 @@ def test_circles_bend_in_the_picture_as_their_places_do_and_lines_do_not() -> No
     is_flat = (told != 0) & (np.abs(exact) < 0.005)
     assert np.count_nonzero(is_flat) > 40
     np.testing.assert_allclose(told[is_flat], exact[is_flat], rtol=0.06)
-
-
-@pytest.mark.parametrize("growth_m", [(0.0, 0.0), (-13.0, -9.0), (4.0, 6.0)])
-def test_markings_end_where_a_field_of_another_size_ends(growth_m: tuple[float, float]) -> None:
-    drawn, camera = template_curves(template()), tripod()
-    sized = FieldView(camera.view(HEAD, np.zeros((3, 3))).camera, growth_m=np.array(growth_m)).markings(template())
-    theta = np.zeros(len(PARAMETERS))
-    theta[[INDEX["length"], INDEX["breadth"]]] = growth_m
-    for number, name in enumerate(drawn.names):
-        ends = drawn.places(np.full(2, number), np.array([0.0, 1.0]))
-        grown = grow_places(drawn, np.full(2, number), ends, theta)
-        np.testing.assert_allclose(grown, sized[name][[0, -1]], atol=1e-9)
-
-
-def test_places_follow_the_sizes_of_the_field_as_their_derivatives_say() -> None:
-    drawn, camera = template_curves(template()), tripod()
-    model = camera.model.projection
-    theta = camera.model.thetas(HEAD[None] + np.array([0.0, -0.1, 0.0]), camera.mean)[0]
-    theta[[INDEX["length"], INDEX["breadth"]]] = [-5.0, 3.0]
-    places = place_markings(drawn, theta, model, 0.12)
-    assert len(set(places.marking)) > 4
-    for size in ("length", "breadth"):
-        step = np.zeros(len(theta))
-        step[INDEX[size]] = 0.01
-        after, before = (
-            project(t[None], grow_places(drawn, places.marking, places.field_m, t)[None], model).pixels[0]
-            for t in (theta + step, theta - step)
-        )
-        moved = ((after - before) * places.normals).sum(axis=1) / 0.02
-        np.testing.assert_allclose(places.by_theta[:, INDEX[size]], moved, rtol=1e-3, atol=1e-4)
-
-
-@pytest.mark.parametrize("broader_m", [-20.0, 20.0])
-def test_goals_hide_as_much_of_their_line_on_fields_of_any_width(broader_m: float) -> None:
-    drawn, camera = template_curves(template()), tripod()
-    theta = camera.model.thetas(HEAD[None] + np.array([0.0, -0.15, 0.0]), camera.mean)[0]
-    theta[INDEX["breadth"]] = broader_m
-    places = place_markings(drawn, theta, camera.model.projection, 0.12, spacing_px=1.0)
-    on_line = places.marking == drawn.names.index("side_line_left")
-    grown = grow_places(drawn, places.marking[on_line], places.field_m[on_line], theta)
-    assert 5.0 < np.abs(grown[:, 1]).min() < 5.7
