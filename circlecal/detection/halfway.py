@@ -165,7 +165,8 @@ def find_halfway(
             refined = abs(float(normalise_line(transform_lines(to_unit, measured.line))[2]))
             if not _is_halfway(measured, circle, refined, config):
                 continue
-            if widened > 1.0 and _usual_width(measured.curve) < WIDE_SHARE * _reach_px(config, gray.shape[1]):
+            width = _usual(measured.curve.width, measured.curve)
+            if widened > 1.0 and width < WIDE_SHARE * _reach_px(config, gray.shape[1]):
                 continue
             value = measured.support - refined
             if best is None or value > best[0]:
@@ -181,7 +182,7 @@ def _is_halfway(line: MeasuredLine, circle: MeasuredCircle, refined: float, conf
     """Whether a followed line, so many radii from the circle's middle, is drawn, in the circle's paint."""
     if not _is_drawn(line) or refined > (NEARLY_CENTRAL if line.outside else config.halfway.distance):
         return False
-    return _usual_contrast(line.curve) >= SAME_PAINT * _usual_contrast(circle.curve)
+    return _usual(line.curve.contrast, line.curve) >= SAME_PAINT * _usual(circle.curve.contrast, circle.curve)
 
 
 def find_segments_through_middle(points: Array, normals: Array, circle: MeasuredCircle, distance: float) -> Array:
@@ -213,14 +214,9 @@ def find_segments_through_middle(points: Array, normals: Array, circle: Measured
     return np.array(found).reshape(-1, 2, 2)
 
 
-def _usual_contrast(curve: MeasuredCurve) -> float:
-    """Usual contrast of what is drawn, gray levels."""
-    return float(median_of_rows(curve.contrast[curve.supported])) if curve.supported.any() else 0.0
-
-
-def _usual_width(curve: MeasuredCurve) -> float:
-    """Usual width of what is drawn, px."""
-    return float(median_of_rows(curve.width[curve.supported])) if curve.supported.any() else 0.0
+def _usual(values: Array, curve: MeasuredCurve) -> float:
+    """What is usual of values (N,) where a curve is drawn; 0 where it is drawn nowhere."""
+    return float(median_of_rows(values[curve.supported])) if curve.supported.any() else 0.0
 
 
 def _reach_px(config: DetectorConfig, width: int) -> float:
@@ -249,7 +245,7 @@ def _follow_line(
     config: DetectorConfig,
     *,
     is_beside: bool,
-    widened: float = 1.0,
+    widened: float,
 ) -> MeasuredLine:
     """Follow a line, given in the unit circle's frame, through the circle and beyond; fit it inside the circle, or
     wherever it is drawn where the picture shows it outside only, or its paint inside may be worn off (``is_beside``):

@@ -217,7 +217,7 @@ def _band_samples(
         stretch = np.maximum(1.0, (along[6] + share * along[7]) / (PLAIN_WIDTH_PX * unit))
         normals = normals * stretch
     profiles = sample_profiles(picture, base.T, normals.T, offsets)
-    bordering = _run_along_border(profiles, piece)
+    bordering = _run_along_border(profiles, piece, stored)
     if bordering.any():
         beside = base.T[bordering], normals.T[bordering]
         profiles[bordering] = sample_profiles(picture, *beside, offsets, repeat_border=True)
@@ -237,12 +237,12 @@ def _band_samples(
     return _BandSamples(middles, edges, sigma.take(valid), piece.take(valid), drawn)
 
 
-def _run_along_border(profiles: Profiles, piece: NDArray[np.int_]) -> Mask:
-    """Which profiles (N, S) across pieces (N,) are of one that runs so near to the picture's border that most of its
-    profiles leave the picture.
+def _run_along_border(profiles: Profiles, piece: NDArray[np.int_], count: NDArray[np.int_]) -> Mask:
+    """Which profiles (N, S) across pieces (N,), so many on each (K,), are of one that runs so near to the picture's
+    border that most of its profiles leave the picture.
     """
     leaves = np.isnan(profiles[:, 0]) != np.isnan(profiles[:, -1])
-    share = np.bincount(piece, leaves) / np.maximum(np.bincount(piece), 1)
+    share = np.bincount(piece, leaves, len(count)) / count
     return np.asarray((share > ALONG_BORDER)[piece])
 
 

@@ -2,8 +2,8 @@
 
 The middle of both together lies up to a pixel beside the middle of the new paint, a little more here and less there, as
 the old circle has another middle and another radius: cameras that hang on the circle are led astray by it. Across the
-paint the picture shows the sum of two bands, and the fainter one is told from the other by where it lies
-all round, not place by place.
+paint the picture shows the sum of two bands, and the fainter one is told from the other by where it lies all round, not
+place by place.
 """
 
 from __future__ import annotations

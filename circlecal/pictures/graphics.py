@@ -49,7 +49,7 @@ end: a crowd, or players and paint, have it here and there.
 LETTERS, SIDE_COLUMNS = (0.01, 0.4), 3
 """Share of a box's ground, from its edge to the bottom of the picture, that letters take, and columns to both sides of
 it that do not have its colour: a track or a run-off beside the field has no letters, and goes on where the lens bends
-its edge. Tickers of rendered frames have 0.02 to 0.06, and end where their edge does.
+its edge. Those of twelve rendered frames have 0.04 to 0.13, and end where their edge does.
 """
 FIELD_SHARE, FIELD_EVERY = 0.25, 8
 """Share of the rest of the picture, each so many-th row and column, that may have the colour of a box at the most: what

@@ -115,7 +115,7 @@ def measure_surroundings(
         alike = surface & _are_coloured_alike(image_bgr, inside & surface, (len(x), len(y)))
     elsewhere = alike & (beyond | ~is_ground)
     if np.mean(elsewhere) > FEWEST_SEATS:
-        alike = alike & ~_find_seats(picture, places, inside & surface, elsewhere)
+        alike = alike & ~_are_rough(picture, places, inside & surface, elsewhere, SEAT_TIMES, SEAT_LEVELS)
     above = alike & ~is_ground
     if template.ground != "grass":
         above &= _joins(inside, surface.reshape(len(y), len(x)))
@@ -158,27 +158,22 @@ def _joins(inside: Mask, surface: Mask) -> Mask:
 
 def _find_rough(picture: NDArray[np.uint8], places: Array, surface: Mask, inside: Mask, asked: Mask) -> Mask:
     """Which of the places (N, 2) that are asked for (N,) are no playing surface but as rough as a crowd."""
-    rough = np.zeros(len(places), np.bool_)
-    if np.count_nonzero(~surface) < LEAST_OFF_SURFACE * len(places) or not (inside & surface).any():
-        return rough
-    usual = _usual_roughness(picture, places[inside & surface])
-    looked = asked & ~surface
-    rough[looked] = measure_roughness(picture, places[looked]) > ROUGH_TIMES * usual + ROUGH_LEVELS
-    return rough
+    if np.count_nonzero(~surface) < LEAST_OFF_SURFACE * len(places):
+        return np.zeros(len(places), np.bool_)
+    return _are_rough(picture, places, inside & surface, asked & ~surface, ROUGH_TIMES, ROUGH_LEVELS)
 
 
-def _find_seats(picture: NDArray[np.uint8], places: Array, field: Mask, asked: Mask) -> Mask:
-    """Which of the places (N, 2) that are asked for (N,) are rougher than those of the field (N,) by far."""
+def _are_rough(
+    picture: NDArray[np.uint8], places: Array, field: Mask, asked: Mask, times: float, levels: float
+) -> Mask:
+    """Which of the places (N, 2) that are asked for (N,) are so many times rougher than most of those of the field
+    (N,), and so many gray levels; none where no field shows.
+    """
     rough = np.zeros(len(places), np.bool_)
     if field.any():
-        usual = _usual_roughness(picture, places[field])
-        rough[asked] = measure_roughness(picture, places[asked]) > SEAT_TIMES * usual + SEAT_LEVELS
+        usual = float(np.median(measure_roughness(picture, places[field][::FIELD_EVERY])))
+        rough[asked] = measure_roughness(picture, places[asked]) > times * usual + levels
     return rough
-
-
-def _usual_roughness(picture: NDArray[np.uint8], places: Array) -> float:
-    """Roughness of most places (N, 2), by some of them."""
-    return float(np.median(measure_roughness(picture, places[::FIELD_EVERY])))
 
 
 def _seam_share(picture: NDArray[np.uint8], covered: Mask | None) -> float:
