@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from circlecal.config import load_config
+from circlecal.geometry.projective import Array
 from circlecal.rig.tripod import PLACE
 from circlecal.synthetic.optics import motion_kernel
 from circlecal.tracking import closer_look, head_path, pitch
@@ -20,7 +21,7 @@ from circlecal.tracking.head_fit import HeadFit
 from circlecal.tracking.head_path import HeadPath
 from circlecal.tracking.looking import Look, LookedAt, Place
 from circlecal.tracking.markings import place_markings, template_curves
-from circlecal.tracking.seen_paint import MeasuredFrame
+from circlecal.tracking.seen_paint import UNDER_SMEAR_BIAS_PX, MeasuredFrame
 from circlecal.tracking.tripod_fit import common_priors
 from tests.tracking.scenes import HEAD, SIZE, draw, measure_ideal, template, tripod, views_of_a_pitch
 
@@ -58,7 +59,8 @@ def test_other_ground_beyond_a_line_does_not_draw_its_middle() -> None:
     seen = LookedAt.of(picture, MASK)
     place = Place.of(tripod(), template())
     far = place.look(seen, HEAD, place.proposal_covariance(HEAD)).measured
-    (near,) = measure_closely(tripod(), [HeadedFrame("0.000", HEAD, far)], {"0.000": seen}, template(), 0.04)
+    frame = HeadedFrame("0.000", HEAD, far)
+    (near,) = measure_closely(tripod(), [frame], {"0.000": seen}, template(), 0.04, HeadPath.of([frame]))
     assert abs(_far_side_off_px(far, HEAD, "side_line_top")) < 0.1
     assert abs(_far_side_off_px(near.measured, HEAD, "side_line_top")) < 0.07
 
@@ -76,6 +78,22 @@ def test_smeared_paint_of_a_circle_lies_inside_it() -> None:
     measured = place.look(seen, CIRCLE_HEAD, np.eye(3) * 1e-9, None, blur).measured
     assert np.median(inward) > 0.1
     assert abs(_far_side_off_px(measured, CIRCLE_HEAD, "centre_circle")) < 0.4 * np.median(inward)
+
+
+@pytest.mark.parametrize("way_px", [30.0, 60.0])
+def test_ends_of_lines_are_doubtful_where_a_goal_line_is_smeared_over_them(way_px: float) -> None:
+    picture = cv2.filter2D(draw(HEAD, np.random.default_rng(4)), -1, motion_kernel(way_px, 0.0))
+    drawn, true = template_curves(template()), tripod()
+    seen = LookedAt.of(np.asarray(picture, np.uint8), MASK)
+    blur = np.array([way_px, 0.0])
+    measured = Place.of(true, template()).look(seen, HEAD, np.eye(3) * 1e-9, None, blur).measured
+    theta = true.model.thetas(HEAD[None], true.mean)[0]
+    away, _ = residuals_of(measured, drawn, theta, true.model.projection)
+    along = measured.marking == drawn.names.index("big_rect_left_bottom")
+    doubtful = measured.bias_px >= UNDER_SMEAR_BIAS_PX * SIZE[0] / 1920.0
+    assert np.abs(away[along & doubtful]).max() > 0.3
+    assert np.count_nonzero(along & ~doubtful) > 15
+    assert np.abs(away[along & ~doubtful]).max() < 0.15
 
 
 def test_smear_makes_the_paint_less_certain() -> None:
@@ -164,10 +182,38 @@ def test_a_fast_pan_between_frames_is_followed(monkeypatch: pytest.MonkeyPatch) 
     assert path.gaps() == [(0.0, 0.7)]
     place = Place.of(tripod(), template())
     found = closer_look._follow_gaps(place, path, pictures_at, load_config(), None, 0.1)
-    assert [frame.name for frame in found] == ["0.100", "0.300", "0.500"]
-    for frame, true in zip(found, way[1:-1:2], strict=True):
+    assert [frame.name for frame in found] == ["0.100", "0.200", "0.300", "0.400", "0.500", "0.600"]
+    for frame, true in zip(found, way[1:-1], strict=True):
         np.testing.assert_allclose(frame.head, true, atol=4e-4)
     monkeypatch.setattr(closer_look, "MOST_FOLLOWED", 5)
     asked.clear()
     assert not closer_look._follow_gaps(place, path, pictures_at, load_config(), None, 0.1)
     assert not asked
+
+
+def test_a_followed_gap_tells_how_far_the_frames_beside_it_are_smeared(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng, turn = np.random.default_rng(6), np.array([0.0, -0.1, 0.0])
+
+    def at(time_s: float) -> HeadedFrame:
+        head = CIRCLE_HEAD + time_s * turn
+        return HeadedFrame(f"{time_s:.3f}", head, measure_ideal(head, np.zeros(2), 0.1, rng))
+
+    members = [at(time_s) for time_s in (0.0, 0.3, 0.9, 1.2)]
+    smeared = [at(time_s) for time_s in (0.5, 0.7)]
+    pictures = dict.fromkeys((frame.name for frame in members), LookedAt.of(draw(CIRCLE_HEAD, rng), MASK))
+    start = tripod()
+    start.covariance[PLACE["length"], PLACE["length"]] = 1.0
+    looks: list[tuple[float, bool]] = []
+    nothing = np.zeros((3, 3))
+
+    def look(place: object, picture: object, head: np.ndarray, blur_px: Array | None) -> Look:
+        looks.append((round(float((head - CIRCLE_HEAD)[1] / turn[1]), 1), blur_px is not None))
+        fit = HeadFit(head, nothing, nothing, nothing, 0.1, nothing, np.zeros(0, np.bool_), np.zeros(2))
+        return Look(measure_ideal(head, np.zeros(2), 0.1, rng), fit, True, np.zeros(2))
+
+    monkeypatch.setattr(closer_look, "_look_closely", look)
+    monkeypatch.setattr(closer_look, "_follow_gaps", lambda *_: smeared)
+    monkeypatch.setattr(closer_look, "_look_between", lambda *_: [])
+    learn_closely(start, members, pictures, lambda _: iter(()), load_config(), template_curves(template()), None, 0.04)
+    assert looks[4:8] == [(0.0, False), (0.3, False), (0.9, False), (1.2, False)]
+    assert looks[8:] == [(0.0, False), (0.3, True), (0.9, True), (1.2, False)]
