@@ -158,8 +158,8 @@ REFUSALS = _by_code(
         Refusal(
             "no_point",
             "no point of known field position is seen, and case 2 needs one",
-            "The option correspondences.case asks for case 2, which starts from a point.",
-            "Set correspondences.case=auto, or give keypoints.",
+            "The option correspondences.case asks for case 2, which starts from a point beside the centre.",
+            "Give a point of the field beside the centre (--keypoints FILE), or set correspondences.case=auto.",
         ),
         Refusal(
             "no_center",

@@ -232,6 +232,17 @@ def test_repr_is_one_short_line(good, refused):
         assert "\n" not in repr(calibration)
 
 
+def test_what_rounds_to_nothing_has_no_sign(good, tmp_path):
+    record = good.to_dict()
+    record["camera"] |= {"position_meters": [-0.01, 62.0, -15.5], "pan_degrees": -0.001}
+    path = tmp_path / "good.json"
+    path.write_text(json.dumps(record))
+    nearly = circlecal.load(path)
+    assert "at (0.0, 62.0, -15.5) m" in repr(nearly)
+    assert "0.0, 62.0 m from the centre mark, 15.5 m high" in nearly._repr_html_()
+    assert "0.00, " in nearly._repr_html_() and "-0.00" not in nearly._repr_html_()
+
+
 def test_html_has_the_picture_while_somebody_holds_it(frame_image):
     image = frame_image.copy()
     calibration = circlecal.calibrate(image)

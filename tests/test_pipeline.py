@@ -21,6 +21,7 @@ from circlecal.pipeline.attempts import face_camera
 from circlecal.pipeline.refinements import calibrate_scene
 from circlecal.pipeline.setting import Setting, frame_generator, prepare_scene
 from circlecal.records.json_text import result_line
+from circlecal.records.stored import calibration_of_record
 from circlecal.records.writing import result_record
 from circlecal.refusals import REFUSALS, Confidence
 from circlecal.stages.camera import estimate_camera
@@ -194,6 +195,17 @@ def test_without_the_camera_stage_the_closed_form_answers(frames):
     np.testing.assert_array_equal(found.H_image_field, found.attempt.homography.H_image_field)
     assert found.attempt.correspondences.case == 1
     assert "camera" not in found.timings_ms
+
+
+def test_why_there_are_no_correspondences_is_recorded(frames):
+    """The camera does without the case that was asked for."""
+    found = run(frames.easy.image, load_config(None, ["correspondences.case=2"]), frame_id="easy")
+    assert found.status == "calibrated"
+    assert found.attempt.correspondences is None
+    record = result_record(found, load_field("soccer"))
+    assert record.no_correspondences.startswith("no point of known field position is seen, and case 2 needs one. Give ")
+    assert "--keypoints" in record.no_correspondences
+    assert calibration_of_record(record).attempt.no_correspondences == record.no_correspondences
 
 
 def test_without_camera_and_line_there_is_no_answer(frames):

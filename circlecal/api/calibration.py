@@ -488,9 +488,9 @@ class Calibration:
         camera = self.camera
         if camera is not None:
             x, y, z = camera.position_m
-            facts["camera"] = f"{x:.1f}, {y:.1f} m from the centre mark, {-z:.1f} m high"
+            facts["camera"] = f"{x:z.1f}, {y:z.1f} m from the centre mark, {-z:.1f} m high"
             pan, tilt, roll = np.degrees(camera.angles_rad)
-            facts["pan, tilt, roll"] = f"{pan:.2f}, {tilt:.2f}, {roll:.2f} degrees"
+            facts["pan, tilt, roll"] = f"{pan:z.2f}, {tilt:z.2f}, {roll:z.2f} degrees"
             facts["focal length"] = f"{camera.focal_px[0]:.0f} px"
         if self.sigma_px is not None and self.sigma_m is not None:
             facts["standard deviation"] = f"at most {self.sigma_px:.1f} px, {self.sigma_m:.2f} m near the circle"
@@ -499,7 +499,7 @@ class Calibration:
     def __repr__(self) -> str:
         if not self.ok:
             return f"Calibration({self.id!r}, refused: {self.code})"
-        where = "" if self.position_m is None else " at ({:.1f}, {:.1f}, {:.1f}) m".format(*self.position_m)
+        where = "" if self.position_m is None else " at ({:z.1f}, {:z.1f}, {:.1f}) m".format(*self.position_m)
         spread = "" if self.sigma_px is None else f", sigma {self.sigma_px:.1f} px"
         return f"Calibration({self.id!r}, calibrated{where}{spread})"
 

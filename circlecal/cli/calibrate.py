@@ -110,6 +110,9 @@ def _notes(record: ResultRecord, config: Config) -> Iterator[str]:
     """What is said of a frame beside its row in the table."""
     if record.near_limits:
         yield f"{record.id}: {record.status}, near a limit: {', '.join(record.near_limits)}"
+    if record.no_correspondences and config.correspondences.case != "auto":
+        asked = f"no correspondences of case {config.correspondences.case}"
+        yield f"{record.id}: {asked}: {record.no_correspondences}"
     if record.fields:
         taken, *others = record.fields
         if record.status == "calibrated" and taken.template != config.field.among[0]:

@@ -149,7 +149,7 @@ def print_summaries(summaries: Sequence[FrameSummary]) -> None:
 
 def number(value: float | None, decimals: int = 2) -> str:
     """Text of a number that may be missing."""
-    return "-" if value is None else f"{value:.{decimals}f}"
+    return "-" if value is None else f"{value:z.{decimals}f}"
 
 
 @contextlib.contextmanager

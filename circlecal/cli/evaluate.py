@@ -117,7 +117,7 @@ def _method_row(report: MethodReport, thresholds: Sequence[float], threshold: fl
     behind = report.behind_first
     row.append(f"{100 * report.interval.low:.1f} to {100 * report.interval.high:.1f}")
     row.append(
-        "-" if behind is None else f"{100 * behind.mean:+.1f} ({100 * behind.low:+.1f} to {100 * behind.high:+.1f})"
+        "-" if behind is None else f"{100 * behind.mean:+z.1f} ({100 * behind.low:+z.1f} to {100 * behind.high:+z.1f})"
     )
     chosen = by_threshold[threshold]
     row += [f"{100 * chosen.precision:.1f}", f"{100 * chosen.recall:.1f}"]

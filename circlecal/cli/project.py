@@ -105,7 +105,7 @@ def _project_table(results: Path, points: Path, to: Target, *, as_json: bool) ->
             console.print_json(json.dumps(dict(zip(names, row, strict=True))))
             continue
         text = io.StringIO()
-        cells = ["" if _finite(value) is None else f"{value:.6g}" for value in numbers]
+        cells = ["" if _finite(value) is None else f"{value:z.6g}" for value in numbers]
         csv.writer(text, lineterminator="\n").writerow([as_cell(found.given.frame), *cells, found.note])
         console.print_line(text.getvalue().rstrip("\n"))
 
@@ -117,4 +117,4 @@ def _cells(
 
     if not math.isfinite(target[0]):
         return "-", "-", "-", missing
-    return f"{target[0]:.{decimals}f}", f"{target[1]:.{decimals}f}", console.number(_finite(sigma), decimals), note
+    return f"{target[0]:z.{decimals}f}", f"{target[1]:z.{decimals}f}", console.number(_finite(sigma), decimals), note

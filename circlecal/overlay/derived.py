@@ -159,9 +159,9 @@ def _camera_facts(fit: CameraFit) -> list[str]:
     pan, tilt, roll = np.degrees(camera.angles_rad)
     x, y, z = camera.position_m
     facts = [
-        f"focal length {camera.focal_px[0]:.0f} px; pan {pan:.2f}, tilt {tilt:.2f}, roll {roll:.2f} deg; "
-        f"position ({x:.1f}, {y:.1f}, {z:.1f}) m; kappa {camera.kappa[0]:+.4f}; "
-        f"crown {100 * fit.surface.crown_m:.1f} cm ({fit.surface.shape})",
+        f"focal length {camera.focal_px[0]:.0f} px; pan {pan:z.2f}, tilt {tilt:z.2f}, roll {roll:z.2f} deg; "
+        f"position ({x:z.1f}, {y:z.1f}, {z:.1f}) m; kappa {camera.kappa[0]:+z.4f}; "
+        f"crown {100 * fit.surface.crown_m:z.1f} cm ({fit.surface.shape})",
         f"largest sigma {fit.max_sigma_px:.3g} px, {fit.max_sigma_m:.3g} m; noise scale {fit.noise_scale:.2f}; "
         f"data share {100 * fit.data_share:.0f} %",
     ]

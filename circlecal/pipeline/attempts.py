@@ -15,7 +15,7 @@ from circlecal.geometry.projective import Array
 from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations
 from circlecal.paint.other_paints import are_painted_otherwise, leave_out_other_paints
 from circlecal.pipeline.setting import Scene, Setting, lighten_markings
-from circlecal.refusals import Confidence, refuse
+from circlecal.refusals import Confidence, explain, refuse
 from circlecal.results import (
     Attempt,
     CameraFit,
@@ -173,7 +173,7 @@ def estimate(
         return attempt
     ellipses, cues, observations = attempt.ellipses, attempt.cues, attempt.observations
     config, template, circle = setting.config, setting.template, setting.circle
-    attempt = replace(attempt, correspondences=None, homography=None, camera=None)
+    attempt = replace(attempt, correspondences=None, no_correspondences=None, homography=None, camera=None)
     try:
         if config.solver is not None:
             return judge_attempt(setting, _solve(setting, config.solver, attempt, ellipses, observations))
@@ -203,9 +203,10 @@ def _derive_closed_form(
         correspondences, refusal = _try_stage(
             lambda: derive_correspondences(ellipses, cues, template, circle, size, config.correspondences, keypoints)
         )
-    attempt = replace(attempt, correspondences=correspondences)
     if correspondences is None:
-        return attempt, refusal
+        missing = None if refusal is None else f"{refusal.reason}. {explain(refusal.code).help}"
+        return replace(attempt, no_correspondences=missing), refusal
+    attempt = replace(attempt, correspondences=correspondences)
     with setting.clock("homography"):
         homography, refusal = _try_stage(
             lambda: estimate_homography(correspondences, np.asarray(circle.center), config.homography)

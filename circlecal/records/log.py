@@ -17,7 +17,14 @@ from typing import Self, overload
 from circlecal.errors import InputError
 from circlecal.files import is_file, is_folder, read_file, read_lines, replacement, write_error
 from circlecal.records.index import ResultIndex
-from circlecal.records.json_text import GIVE_A_RESULT, Record, is_record, parse_record, result_line
+from circlecal.records.json_text import (
+    GIVE_A_RESULT,
+    Record,
+    is_record,
+    parse_record,
+    require_single_keys,
+    result_line,
+)
 from circlecal.records.record import ResultRecord, ResultRow
 from circlecal.records.summary import FrameSummary, summarise
 
@@ -197,6 +204,7 @@ class ResultLog:
             _log.warning("%s: cutting off the torn last line", self.path)
             return None
         try:
+            require_single_keys(line, "")
             record = parse_record(line, ResultRow, "", "mend or remove that line, or start over with --restart")
         except InputError as error:
             raise InputError(f"{self.path}, line {self._line_number(start)}{error}") from error

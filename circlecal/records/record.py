@@ -114,6 +114,7 @@ class ResultRecord(ResultRow):
     imaged_center_covariance: tuple[Pair, Pair] | None = None
     vanishing_line: Triple | None = None
     correspondences: CorrespondencesRecord | None = None
+    no_correspondences: Text | None = None
     inliers: dict[str, InliersRecord] | None = None
     alternatives: list[AlternativeRecord] = Field(default_factory=list)
     fields: list[FieldCandidateRecord] | None = None

@@ -54,6 +54,7 @@ def calibration_of_record(record: ResultRecord) -> FrameCalibration:
         ellipses=_ellipses(record),
         observations=record.seen,
         correspondences=_correspondences(record),
+        no_correspondences=record.no_correspondences,
         homography=None if camera is not None else _homography(record, estimate.H_image_field),
         camera=camera,
         verdict=Verdict(record.status, record.code, record.reason, record.stage, checks),

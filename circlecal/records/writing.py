@@ -177,6 +177,7 @@ def _circle_findings(calibration: FrameCalibration) -> dict[str, Any]:
         "imaged_center_covariance": None if fit is None else fit.imaged_center_covariance,
         "vanishing_line": None if found is None else found.vanishing_line,
         "correspondences": None if found is None else _correspondences(found),
+        "no_correspondences": attempt.no_correspondences,
         "inliers": None if ellipses is None else _inliers(ellipses),
     }
 

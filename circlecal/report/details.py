@@ -101,10 +101,10 @@ def _facts(record: ResultRecord, row: FrameRow) -> Iterator[tuple[str, str]]:
 def _camera(camera: CameraRecord) -> Iterator[tuple[str, str]]:
     x, y, z = camera.position_meters
     if x is not None and y is not None and z is not None:
-        yield "camera", f"x {x:.1f}, y {y:.1f}, {-z:.1f} m high"
+        yield "camera", f"x {x:z.1f}, y {y:z.1f}, {-z:.1f} m high"
     angles = [angle for angle in (camera.pan_degrees, camera.tilt_degrees, camera.roll_degrees) if angle is not None]
     if len(angles) == 3:
-        yield "pan, tilt, roll", ", ".join(f"{angle:.2f}°" for angle in angles)
+        yield "pan, tilt, roll", ", ".join(f"{angle:z.2f}°" for angle in angles)
     if camera.x_focal_length is not None:
         yield "focal length", f"{camera.x_focal_length:.0f} px"
 

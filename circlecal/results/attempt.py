@@ -54,6 +54,8 @@ class Attempt(ShortRepr):
     ----------
     mask, edges, rays, ellipses, cues, correspondences, homography, camera : stage results
         In the order of the stages.
+    no_correspondences : str or None
+        Why a circle that was measured gives no points and tangents, and what helps; the camera can do without them.
     observations : Observations or None
         What the camera is fitted to: everything that was measured, and what was given beside the picture.
     verdict : Verdict or None
@@ -71,6 +73,7 @@ class Attempt(ShortRepr):
     cues: Cues | None = None
     observations: Observations | None = None
     correspondences: Correspondences | None = None
+    no_correspondences: str | None = None
     homography: HomographyFit | None = None
     camera: CameraFit | None = None
     verdict: Verdict | None = None

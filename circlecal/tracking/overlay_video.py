@@ -62,7 +62,7 @@ def frame_facts(record: ResultRecord) -> list[str]:
         return [*facts, f"refused: {record.reason or record.code}"]
     if record.rig is not None and record.rig.camera is not None:
         facts.append(record.rig.camera)
-    facts += [f"pan {camera.pan_degrees:.1f}", f"tilt {camera.tilt_degrees:.1f}", f"f {camera.x_focal_length:.0f} px"]
+    facts += [f"pan {camera.pan_degrees:z.1f}", f"tilt {camera.tilt_degrees:z.1f}", f"f {camera.x_focal_length:.0f} px"]
     if camera.max_sigma_px is not None:
         facts.append(f"sigma {camera.max_sigma_px:.2f} px")
     return [*facts, *([] if track is None else ["+".join(track.carried_by)])]

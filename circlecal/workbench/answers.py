@@ -327,14 +327,14 @@ def _facts(told: Answer) -> Iterator[tuple[str, str]]:
     if camera is None:
         return
     x, y, z = camera.camera.position_m
-    yield "camera", f"{x:.1f}, {y:.1f} m from the centre mark, {-z:.1f} m high"
+    yield "camera", f"{x:z.1f}, {y:z.1f} m from the centre mark, {-z:.1f} m high"
     pan, tilt, roll = np.degrees(camera.camera.angles_rad)
-    yield "pan, tilt, roll", f"{pan:.2f}°, {tilt:.2f}°, {roll:.2f}°"
+    yield "pan, tilt, roll", f"{pan:z.2f}°, {tilt:z.2f}°, {roll:z.2f}°"
     yield "focal length", f"{camera.camera.focal_px[0]:.0f} px"
-    yield "lens", f"kappa {camera.camera.kappa[0]:.3f}"
+    yield "lens", f"kappa {camera.camera.kappa[0]:z.3f}"
     yield (
         "crown",
-        f"{100 * camera.surface.crown_m:.1f} cm at {camera.surface.reference_m:.2f} m ({camera.surface.shape})",
+        f"{100 * camera.surface.crown_m:z.1f} cm at {camera.surface.reference_m:.2f} m ({camera.surface.shape})",
     )
     size = np.array([told.template.length_m, told.template.width_m]) + camera.view.growth_m
     yield "field", f"{size[0]:.1f} x {size[1]:.1f} m"

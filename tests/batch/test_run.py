@@ -18,7 +18,7 @@ from circlecal.config import Config, config_digest, load_config
 from circlecal.errors import InputError
 from circlecal.pictures.files import find_frames
 from circlecal.records.index import ResultIndex
-from circlecal.records.log import INDEX_NAME, RESULTS_NAME, Finished, ResultLog
+from circlecal.records.log import INDEX_NAME, RESULTS_NAME, Finished, ResultLog, read_records
 from circlecal.records.writing import failure_record
 from circlecal.results import Verdict
 from tests.conftest import finish_here
@@ -263,6 +263,18 @@ def test_a_damaged_line_in_the_middle_is_an_error(tmp_path):
     (tmp_path / RESULTS_NAME).write_text(f"{good}\nnonsense\n{good}\n")
     with ResultLog(tmp_path) as log, pytest.raises(InputError, match="line 2: is no result"):
         log.take_up(digest)
+
+
+def test_a_key_that_is_given_twice_in_a_line_is_named(tmp_path):
+    digest = config_digest(Config())
+    good = json.dumps({"schema_version": 1, "id": "a", "status": "refused", "config_digest": digest})
+    edited = good.replace("{", '{"status": "calibrated", ')
+    (tmp_path / RESULTS_NAME).write_text(f"{good}\n{edited}\n")
+    words = r'line 2: the key "status" is given twice; keep one of the two$'
+    with ResultLog(tmp_path) as log, pytest.raises(InputError, match=words):
+        log.take_up(digest)
+    with pytest.raises(InputError, match=words):
+        list(read_records(tmp_path))
 
 
 @pytest.mark.parametrize("tail", ['{"id": "b"', '{"id": "b", "status": "refused"}', "[", '"x"'])

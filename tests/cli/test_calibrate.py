@@ -87,6 +87,17 @@ def test_out_may_be_the_input_folder_when_it_says_so(run_circlecal, frame_file):
     assert sorted(p.name for p in folder.iterdir()) == ["good.json", "good.overlay.jpg", "good.png"]
 
 
+def test_a_case_that_cannot_be_had_is_told(run_circlecal, frame_file, tmp_path):
+    for case, told in ((2, True), (1, False)):
+        outcome = run_circlecal(
+            "calibrate", frame_file, "--out", tmp_path, "--set", f"correspondences.case={case}", *QUICK
+        )
+        assert outcome.code == 0
+        note = "circlecal: good: no correspondences of case 2: no point of known field position is seen"
+        assert (note in outcome.err) is told
+        assert ("--keypoints FILE" in outcome.err) is told
+
+
 def test_seed_field_and_settings_reach_the_result(run_circlecal, frame_file, tmp_path):
     outcome = run_circlecal(
         "calibrate",

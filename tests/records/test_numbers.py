@@ -19,6 +19,8 @@ from circlecal.results.numbers import show_with_sigma
         (105.0, 0.0, "105.00 +- 0"),
         (105.0, 1e-9, "105.00 +- 0"),
         (105.0, math.inf, "105.00 +- inf"),
+        (-0.02, 1.3, "0.0 +- 1.3"),
+        (-0.001, 0.0, "0.00 +- 0"),
     ],
 )
 def test_a_value_has_as_many_decimals_as_the_two_figures_of_its_sigma(mean, sd, told):

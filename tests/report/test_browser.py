@@ -271,6 +271,7 @@ def test_the_page_computes_metres_and_sigma_as_python_does(page, report, wide_le
         pixels = np.stack([x, y], axis=-1).reshape(-1, 2)
         told = np.array(page.run(script, describe_view(view), pixels.tolist()), dtype=np.float64)
         np.testing.assert_allclose(told, view.to_field(pixels), atol=1e-4, rtol=1e-6)
+    assert page.run("return circlecalCamera.tell([-0.001, -2.5])") == "0.00, -2.50 m"
     for share in ((0.5, 0.5), (0.3, 0.8)):
         point_at(page, "#stage", share, "mouseMoved")
         text = page.run("return document.getElementById('under').textContent")

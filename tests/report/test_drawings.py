@@ -118,3 +118,12 @@ def test_details_name_what_failed_first(good_record, tmp_path):
     facts = dict(told["facts"])
     assert facts["picture"] == "960 x 540 px"
     assert "m high" in facts["camera"]
+
+
+def test_what_rounds_to_nothing_has_no_sign(good_record, tmp_path):
+    nearly = {"position_meters": [-0.01, 62.0, -15.5], "pan_degrees": 0.0, "tilt_degrees": -0.001, "roll_degrees": -0.1}
+    record = good_record | {"camera": good_record["camera"] | nearly}
+    (row,) = read_run(write_run(tmp_path, [record])).rows
+    facts = dict(frame_details(sound(record), row, None)["facts"])
+    assert facts["camera"] == "x 0.0, y 62.0, 15.5 m high"
+    assert facts["pan, tilt, roll"] == "0.00°, 0.00°, -0.10°"

@@ -197,7 +197,10 @@ def test_given_cameras(run_circlecal, results, tmp_path):
 @pytest.mark.parametrize(
     ("text", "named"),
     [
-        ("id,camera\n1,a/b\n", "line 2"),
+        ("id,camera\n1,a/b\n", "line 2: camera 'a/b' is no name"),
+        ("id,camera\n1,a\n2,.b\n", "line 3: camera '.b' is no name"),
+        ("id,camera\n1,a\n2\n", "line 3: needs the columns id and camera, both filled"),
+        ("id,camera\n1,a\n,a\n", "line 3: needs the columns id and camera, both filled"),
         ("frame\n1\n", "no column 'id'; name the columns id, camera"),
         ("id,camera\n", "names no camera"),
     ],

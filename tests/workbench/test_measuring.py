@@ -15,7 +15,7 @@ from circlecal.geometry.surface import Surface
 from circlecal.pictures.files import PictureFile, read_image
 from circlecal.pipeline import field_of
 from circlecal.workbench.answers import answer, continues, describe, distance_to_polyline
-from circlecal.workbench.interpretations import _lines_beside, _Search, interpret, name_marking
+from circlecal.workbench.interpretations import Interpretation, _lines_beside, _Search, interpret, name_marking
 from circlecal.workbench.measuring import (
     begin_annotation,
     complete_circle,
@@ -104,6 +104,13 @@ def test_one_name_calibrates_the_frame(begun, wide_camera):
     assert shown["missing"] is None and shown["sigma_px"] < 15
     assert shown["markings"][line]["rms_px"] < 1.0
     assert np.abs(told.found.attempt.camera.camera.position_m - wide_camera.position_m).max() < 6.0
+    # what rounds to nothing has no sign
+    fit = told.found.attempt.camera
+    nearly = replace(fit.camera, position_m=np.array([-0.01, 62.0, -15.5]), angles_rad=np.array([-1e-6, 1.3, 0.0]))
+    attempt = replace(told.found.attempt, camera=replace(fit, camera=nearly))
+    facts = dict(describe(replace(told, found=replace(told.found, attempt=attempt)))["facts"])
+    assert facts["camera"].startswith("0.0, 62.0 m")
+    assert facts["pan, tilt, roll"].startswith("0.00°, ")
 
 
 def test_a_wrong_name_is_marked(begun):
@@ -169,6 +176,19 @@ def test_one_click_calibrates_the_sample_with_a_touchline(monkeypatch):
         seen = measured.shows(np.nan_to_num(exact, nan=-1.0))
         assert seen.any()
         assert distance_to_polyline(exact[seen], told.found.view.project(places)).max() < limit_px
+
+
+def test_the_best_explains_most_and_shows_what_it_expects():
+    ground = np.zeros((1, 2))
+    usual = Interpretation({}, 0.6, 500.0, 300.0, ground, True)
+    longer, found = replace(usual, explained_px=400.0), replace(usual, found_share=0.9)
+    missed, other_side = replace(usual, found_share=0.2), replace(longer, on_usual_side=False)
+    assert sorted((other_side, missed, usual, longer), key=lambda i: i.rank) == [longer, usual, missed, other_side]
+    assert found.rank < usual.rank
+    # half found is as good as nothing expected; more expected counts for what is found, and against what is missing
+    assert replace(usual, found_share=0.5).rank == replace(usual, expected_px=0.0).rank
+    assert replace(found, expected_px=900.0).rank < found.rank
+    assert replace(missed, expected_px=900.0).rank > missed.rank
 
 
 @pytest.mark.parametrize(("from_deg", "to_deg", "is_offered"), [(0.0, 140.0, True), (0.0, 220.0, False)])

@@ -60,7 +60,7 @@ def _format_lead(row: AnnotationRow) -> str:
     if row.ahead is None:
         return "-"
     mean, low, high = (100 * value for value in (row.ahead.mean, row.ahead.low, row.ahead.high))
-    return f"{mean:+.1f} ({low:+.1f} to {high:+.1f})"
+    return f"{mean:+z.1f} ({low:+z.1f} to {high:+z.1f})"
 
 
 def click_frames(

@@ -50,6 +50,9 @@ globalThis.circlecalCamera = (() => {
     return share < 1 && Math.abs(share * pz - drop(camera, point[1])) < TOLERANCE_M ? point : null;
   };
 
+  // A field point as people read it; what rounds to nothing has no sign.
+  const tell = (point) => `${point.map((value) => (Number(value.toFixed(2)) + 0).toFixed(2)).join(", ")} m`;
+
   // A value of a grid over the picture (sigma in px or m) at a pixel, bilinear; null where a neighbour is not known.
   const atGrid = (grid, values, width, height, x, y) => {
     if (!grid) return null;
@@ -74,5 +77,5 @@ globalThis.circlecalCamera = (() => {
     const share = Math.log(sigma / SCALE[place - 1]) / Math.log(SCALE[place] / SCALE[place - 1]);
     return [...COLOURS[place].map((value, k) => Math.round(COLOURS[place - 1][k] + share * (value - COLOURS[place - 1][k]))), 155];
   };
-  return { toField, atGrid, heat, SCALE, COLOURS };
+  return { toField, tell, atGrid, heat, SCALE, COLOURS };
 })();

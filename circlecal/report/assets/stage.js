@@ -82,7 +82,7 @@ circlecalPage.Stage = class {
     const field = view && circlecalCamera.toField(view, x, y);
     const read = (values) => sigma && circlecalCamera.atGrid(sigma, values, width, height, x, y);
     const px = read(sigma?.px), m = read(sigma?.m);
-    const where = field ? `: ${field[0].toFixed(2)}, ${field[1].toFixed(2)} m` : view ? ": above the field" : "";
+    const where = field ? `: ${circlecalCamera.tell(field)}` : view ? ": above the field" : "";
     const spread = !field || px === null ? "" : `, sigma ${circlecalPage.short(px)} px${m === null ? "" : `, ${circlecalPage.short(m)} m`}`;
     this.hooks.under(`${x.toFixed(0)}, ${y.toFixed(0)} px${where}${spread}`, field);
   }

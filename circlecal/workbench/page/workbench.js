@@ -268,7 +268,7 @@ const tellUnder = (place) => {
   const grid = answer.sigma, [w, h] = [annotation.width, annotation.height];
   const px = grid && circlecalCamera.atGrid(grid, grid.px, w, h, ...place), m = grid && circlecalCamera.atGrid(grid, grid.m, w, h, ...place);
   const spread = px === null || px === undefined ? "" : `, sigma ${px.toFixed(1)} px${m === null ? "" : `, ${m.toFixed(2)} m`}`;
-  by("under").textContent = `${place[0].toFixed(1)}, ${place[1].toFixed(1)} px` + (at ? `: ${at[0].toFixed(2)}, ${at[1].toFixed(2)} m${spread}` : answer.camera ? ": above the field" : "");
+  by("under").textContent = `${place[0].toFixed(1)}, ${place[1].toFixed(1)} px` + (at ? `: ${circlecalCamera.tell(at)}${spread}` : answer.camera ? ": above the field" : "");
   map.point(at && Math.abs(at[0]) < field.length && Math.abs(at[1]) < field.width ? at : null);
 };
 const priors = () => by("priors").replaceChildren(...PRIORS.map(([key, label, usual]) => {
