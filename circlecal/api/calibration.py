@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import base64
-import html
 import weakref
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, overload
 
-import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from circlecal import overlay
+from circlecal.api.notebook import show_record
 from circlecal.api.transformer import ViewTransformer
 from circlecal.errors import InputError
 from circlecal.field import FieldTemplate, load_field
@@ -35,11 +33,6 @@ if TYPE_CHECKING:
     from circlecal import results
 
 Picture = NDArray[np.uint8]
-
-_SHOWN_WIDTH_PX = 720
-"""Width of the picture that a notebook shows; wider ones only make the notebook's file large."""
-_SHOWN_QUALITY = 80
-"""JPEG quality of the picture that a notebook shows."""
 
 
 class SurePoints(NamedTuple):
@@ -478,24 +471,6 @@ class Calibration:
     def _size_text(self) -> str:
         return "an unknown size" if self.size is None else f"{self.size[0]} x {self.size[1]}"
 
-    @property
-    def _facts(self) -> dict[str, str]:
-        """What is worth a line, by its name."""
-        facts = {"frame": self.id if self.time_s is None else f"{self.id} at {self.time_s:.3f} s"}
-        facts["verdict"] = self.status if self.ok else f"{self.status}: {self.reason}"
-        if self.help is not None:
-            facts["what helps"] = self.help
-        camera = self.camera
-        if camera is not None:
-            x, y, z = camera.position_m
-            facts["camera"] = f"{x:z.1f}, {y:z.1f} m from the centre mark, {-z:.1f} m high"
-            pan, tilt, roll = np.degrees(camera.angles_rad)
-            facts["pan, tilt, roll"] = f"{pan:z.2f}, {tilt:z.2f}, {roll:z.2f} degrees"
-            facts["focal length"] = f"{camera.focal_px[0]:.0f} px"
-        if self.sigma_px is not None and self.sigma_m is not None:
-            facts["standard deviation"] = f"at most {self.sigma_px:.1f} px, {self.sigma_m:.2f} m near the circle"
-        return facts
-
     def __repr__(self) -> str:
         if not self.ok:
             return f"Calibration({self.id!r}, refused: {self.code})"
@@ -505,23 +480,9 @@ class Calibration:
 
     def _repr_html_(self) -> str:
         """The overlay picture, where the picture is at hand, and a table."""
-        rows = "".join(
-            f"<tr><th style='text-align:left'>{html.escape(name)}</th>"
-            f"<td style='text-align:left'>{html.escape(fact)}</td></tr>"
-            for name, fact in self._facts.items()
-        )
-        return f"{self._embed_picture()}<table>{rows}</table>"
-
-    def _embed_picture(self) -> str:
         image = self.image
-        if image is None or image.shape[1::-1] != self.size:
-            return ""
-        drawn = self.overlay(image)
-        scale = min(1.0, _SHOWN_WIDTH_PX / drawn.shape[1])
-        small = cv2.resize(drawn, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-        _, content = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _SHOWN_QUALITY])
-        text = base64.b64encode(content.tobytes()).decode()
-        return f"<img alt='{html.escape(self.id)}' src='data:image/jpeg;base64,{text}'>"
+        is_at_hand = image is not None and image.shape[1::-1] == self.size
+        return show_record(self._record, self.overlay(image) if is_at_hand else None)
 
 
 def _points(points: ArrayLike, entries: tuple[int, ...] = (2,)) -> Array:

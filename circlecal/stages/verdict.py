@@ -11,8 +11,8 @@ from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera_parameters import CROWN, LOG_FOCAL
 from circlecal.geometry.conics import circle_conic, sampson_distance, transform_conic
 from circlecal.geometry.homography import projects_in_front
-from circlecal.geometry.projective import Array, Mask
-from circlecal.line_naming.line_ends import find_line_through
+from circlecal.geometry.projective import Array
+from circlecal.line_naming.reach import chord_checks, reach_checks
 from circlecal.observations import MarkingKey
 from circlecal.paint.predicted_width import RESIDUAL_WIDTHS, mean_paint_width
 from circlecal.refusals import REFUSALS, Confidence
@@ -42,27 +42,10 @@ EXACT_WIDTHS = 0.015
 """The limit of exactness in widths of the circle's paint, where that is more."""
 UNCONFIRMED_SIGMA = 0.75
 """Share of the usual uncertainty that is allowed where nothing else confirms it: nothing would contradict either."""
-REACH_SHARE = 0.95
-"""Share of the halfway line's points that lie within its reach; a few may lie on something behind its end."""
-STRAY_MEDIANS, LEAST_STRAY_PX = 5.0, 0.5
-"""In medians of all distances from the camera's line, and pixels at 1920 px width, from where on a point of the halfway
-line lies on something else: of 14 points on a player behind its end, on a rendered field, seven lie farther.
-"""
-REACH_WITH_END = 1.05
-"""Half widths of the field that the halfway line may run where the camera was fitted to one of its ends: not past the
-other one.
-"""
-CROSSED_BEYOND = 0.1
-"""Half widths of the field by which the halfway line may cross another line beyond its end, where the camera was fitted
-to a marking at that end: 27 such crossings of 45 real frames lie up to 0.003 beyond and 0.04 before it, that of a
-rendered hall in which a streak of gloss was taken for the touchline 0.21 beyond.
-"""
 MEASURED_SHARE = 2.0 / 3.0
 """Share of a short arc in view that is measured, without what lies too near to the picture's border for a profile to
 fit: of four rendered arcs of 71 to 91 degrees 47 to 59 are.
 """
-SURE_LINES = 4
-"""So many further lines at their places leave no doubt about the size of the field."""
 WRONG_PX = 20.0
 """Mean error, pixels at 1920 px width, from which on another size of the field is another answer."""
 SIZE_SIGMAS, MOST_BEYOND_RULES_M = 3.0, 3.0
@@ -74,11 +57,6 @@ HOLLOW_M = 0.02
 """Metres by which the ground may lie lower in the middle of the circle than at its rim: of 2,130 right answers to
 rendered frames none lies lower by more than 0.005; of 225 rendered pictures that were turned upside down, mirrored or
 put together, and that some camera explains, 68 lie lower by more than this.
-"""
-CLEAR_OF_RIM, LONGEST_CHORD = 0.85, 0.5
-"""Inside this share of a circle's radius a straight marking is no piece of the circle, and the length there, in radii,
-from which on it is a line that the circle does not have: a penalty arc that was taken for the circle in a rendered
-frame has the penalty area's line through it for 1.1.
 """
 MINIMUM_WIDTH_M = 1e-3
 """Narrower markings are the zero-width lines of an annotation's model."""
@@ -225,8 +203,8 @@ def _camera_checks(
         checks += _place_checks(camera, circle, np.asarray(circle.center), template, config)
         width_px = mean_paint_width(camera.view, circle, template)
         checks += _residual_checks(camera, cues, circle, RESIDUAL_WIDTHS * width_px, unit, config)
-        checks += _reach_checks(camera, cues, template, config)
-        checks += _chord_checks(camera, cues, template, circle)
+        checks += reach_checks(camera, cues, template, config.max_line_reach)
+        checks += chord_checks(camera, cues, template, circle)
     else:
         checks = _landmark_checks(camera, unit, config)
         checks += _place_checks(camera, circle, camera.reference_m, template, config)
@@ -422,66 +400,6 @@ def _keys_of_ends(camera: CameraFit, cues: Cues, circle: Circle) -> list[Marking
     known = {*own, *marks, circle.name, *camera.named_lines, *(line.name for line in cues.lines)}
     ends = cues.halfway is not None and cues.halfway.ends
     return [key for key in camera.residuals_px if key.name not in known] if ends else []
-
-
-def _reach_checks(camera: CameraFit, cues: Cues, template: FieldTemplate, config: VerdictConfig) -> list[Check]:
-    """The halfway line ends with the field: of a smaller circle on the same floor the field would be too small, and few
-    of its lines would be there. Its points are taken to the surface, and the field is as broad, as the camera was
-    fitted to them.
-    """
-    line = None if cues.halfway is None else template.line_by_name.get(cues.halfway.name or "")
-    if cues.halfway is None or line is None or len(camera.named_lines) >= SURE_LINES:
-        return []
-    start, end = camera.view.grow(np.array([line.start, line.end]), template)
-    middle, half = 0.5 * (start + end), 0.5 * (end - start)
-    crossed_px = np.array([seen.point_px for seen in cues.halfway.ends if seen.crossed]).reshape(-1, 2)
-    along, crossed = (
-        (camera.view.to_field(points_px) - middle) @ half / (half @ half)
-        for points_px in (cues.halfway.points_px, crossed_px)
-    )
-    along = along[_lie_on_line(camera, cues.halfway.points_px, middle, half, along)]
-    checks = [_reach_check("line_reach", np.abs(along), config.max_line_reach)]
-    for seen_end, side in ((line.start, -1.0), (line.end, 1.0)):
-        other = find_line_through(np.asarray(seen_end), line, template)
-        if other is not None and MarkingKey(other.name) in camera.residuals_px:
-            limit = min(REACH_WITH_END, config.max_line_reach)
-            checks.append(_reach_check("other_end_reach", -side * along, limit))
-            reaches = (value for value in (side * crossed).tolist() if value > 0.0)
-            checks += [Check.of("crossed_end_beyond", max(reach - 1.0, 0.0), CROSSED_BEYOND) for reach in reaches]
-    return checks
-
-
-def _chord_checks(camera: CameraFit, cues: Cues, template: FieldTemplate, circle: Circle) -> list[Check]:
-    """A circle of which no halfway line is seen has no other straight marking through it: what has one is an arc of a
-    penalty area. A field with several circles is laid over the picture as a whole.
-    """
-    if cues.halfway is not None or template.halfway_line is None or len(template.circles) > 1:
-        return []
-    nameless = (
-        camera.view.to_field(line.points_px) - np.asarray(circle.center)
-        for k, line in enumerate(cues.lines)
-        if line.name is None and k not in camera.names_by_line
-    )
-    inside = (off_m[np.hypot(*off_m.T) < CLEAR_OF_RIM * circle.radius_m] for off_m in nameless)
-    lengths_m = [float(np.linalg.norm(np.ptp(off_m, axis=0))) for off_m in inside if len(off_m)]
-    return [Check.of("chord_radii", max(lengths_m) / circle.radius_m, LONGEST_CHORD)] if lengths_m else []
-
-
-def _lie_on_line(camera: CameraFit, points_px: Array, middle: Array, half: Array, along: Array) -> Mask:
-    """Which points (N, 2) lie as near to the camera's line as most of them do: a player who stands behind its end hides
-    it, and edges of his are followed in its place.
-    """
-    off_px = np.linalg.norm(camera.view.project(middle + along[:, None] * half) - points_px, axis=1)
-    off_px = np.nan_to_num(off_px, nan=np.inf)
-    return np.asarray(
-        off_px <= max(STRAY_MEDIANS * float(np.median(off_px)), LEAST_STRAY_PX * camera.camera.width / 1920)
-    )
-
-
-def _reach_check(name: str, along: Array, limit: float) -> Check:
-    """How far a line runs, by its points along it in half widths of the field."""
-    reach = np.sort(np.nan_to_num(along, nan=np.inf))
-    return Check.of(name, float(reach[int(REACH_SHARE * (len(reach) - 1))]), limit)
 
 
 def _edge_checks(
