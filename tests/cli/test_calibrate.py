@@ -221,7 +221,7 @@ def test_a_full_disk(run_circlecal, frame_file, tmp_path, monkeypatch):
 
 def test_what_the_field_looks_like_is_said(run_circlecal, tmp_path):
     hall = tmp_path / "hall.png"
-    cv2.imwrite(str(hall), render_frame("wood", np.random.default_rng(1), 960, 540).image)
+    cv2.imwrite(str(hall), render_frame("wood", np.random.default_rng(1), 640, 360).image)
     outcome = run_circlecal(
         "calibrate", hall, "--out", tmp_path, "--no-overlay", "--field", "auto", "--set", "field.among=[soccer, futsal]"
     )

@@ -24,12 +24,12 @@ from tests.folded import projected_without_fold
 
 POSITIVE = [p for p in SCENE_PROFILES if p not in ("negative", "altered")]
 WORLD = [p for p in SCENE_PROFILES if p.startswith("world_")]
-SIZE = (960, 540)
+SIZE, SMALL = (960, 540), (640, 360)
 OFFSETS_PX = np.arange(-5.0, 5.01, 0.25)
 
 
-def drawn(profile, seed=0):
-    return render_frame(profile, np.random.default_rng([41, seed]), *SIZE)
+def drawn(profile, seed=0, size=SIZE):
+    return render_frame(profile, np.random.default_rng([41, seed]), *size)
 
 
 def rim(truth, angles):
@@ -42,10 +42,12 @@ def rim(truth, angles):
     return truth.camera.project(surface.lift(ring))
 
 
-def cross_profile(rendering):
-    """Mean colour contrast across the circle's paint where it is seen, at OFFSETS_PX along the normals, 0..1."""
+def cross_profile(rendering, quarter):
+    """Mean colour contrast across a quarter of the circle's paint where it is seen, at OFFSETS_PX along the normals,
+    and at how many places that is. All round, paint that is shifted as a whole would lie in its place on average.
+    """
     truth = rendering.truth
-    angles = np.linspace(0, 2 * np.pi, 1440, endpoint=False)
+    angles = np.linspace(0, np.pi / 2, 360, endpoint=False) + quarter * np.pi / 2
     sites = rim(truth, angles)
     tangent = rim(truth, angles + 1e-4) - rim(truth, angles - 1e-4)
     normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=-1) / np.linalg.norm(tangent, axis=1)[:, None]
@@ -53,6 +55,8 @@ def cross_profile(rendering):
     inside = inside_frame(sites, truth.camera.width, truth.camera.height, 8.0)
     shown = np.zeros(len(sites), dtype=bool)
     shown[inside] = truth.classes[near[inside, 1], near[inside, 0]] == CIRCLE_CLASS
+    if not shown.any():
+        return None, 0
     grid = sites[shown, None] + OFFSETS_PX[:, None] * normal[shown, None]
     columns, rows = (np.ascontiguousarray(grid[..., k], dtype=np.float32) for k in (0, 1))
     colour = cv2.remap(rendering.image.astype(np.float32), columns, rows, cv2.INTER_LINEAR)
@@ -65,18 +69,22 @@ def cross_profile(rendering):
 @pytest.fixture(scope="module", params=POSITIVE)
 def rendering(request):
     """A frame of a profile, for all tests of it."""
-    return request.param, drawn(request.param)
+    return request.param, drawn(request.param, size=SMALL)
 
 
 def test_paint_lies_on_the_projected_circle(rendering):
     profile, first = rendering
-    profiles, sites = zip(*(cross_profile(found) for found in (first, drawn(profile, seed=1))), strict=True)
-    for contrast, count in zip(profiles, sites, strict=True):
-        assert count > 100
-        peak = contrast.max()
-        assert peak > 4.0
-        high = np.where(contrast > 0.5 * peak, contrast, 0.0)
-        assert abs(np.sum(high * OFFSETS_PX) / np.sum(high)) < 0.4
+    off_px = []
+    for found in (first, drawn(profile, seed=1, size=SMALL)):
+        quarters = [cross_profile(found, quarter) for quarter in range(4)]
+        assert sum(count for _, count in quarters) > 100
+        for contrast in (contrast for contrast, count in quarters if count > 50):
+            peak = contrast.max()
+            assert peak > 4.0
+            high = np.where(contrast > 0.5 * peak, contrast, 0.0)
+            off_px.append(abs(np.sum(high * OFFSETS_PX) / np.sum(high)))
+    # players and other markings stand in some quarters
+    assert np.median(off_px) < 0.3
 
 
 def test_truth_of_the_delivered_picture(rendering):
@@ -147,7 +155,7 @@ def test_a_circle_needs_a_line_through_its_middle_or_two_beside_it():
 @pytest.mark.parametrize("kind", NEGATIVE_KINDS)
 def test_negatives_show_no_circle_and_say_what_they_are(kind):
     template = load_field("soccer")
-    rendering = render(negative_scene(np.random.default_rng(3), SIZE, template, kind), np.random.default_rng(0))
+    rendering = render(negative_scene(np.random.default_rng(3), SMALL, template, kind), np.random.default_rng(0))
     assert rendering.truth.kind == kind
     assert rendering.truth.visible_circle_deg == 0.0
     assert rendering.truth.expect == "refuse"

@@ -52,12 +52,20 @@ def test_two_profiles(run_circlecal, monkeypatch):
     assert easy.wrong_kinds == negative.wrong_kinds == {}
 
 
-def test_frames_of_other_widths():
+def test_frames_of_other_widths(monkeypatch):
+    sizes = []
+
+    def render_and_note(profile, rng, width, height):
+        sizes.append((width, height))
+        return render_frame(profile, rng, width, height)
+
+    monkeypatch.setattr(detect, "render_frame", render_and_note)
     (small,) = run_profiles(["easy"], 1, 0, width=640)
     assert small.good == 1.0
     assert small.stage_ms["edges"] > 0
-    (large,) = run_profiles(["easy"], 1, 0, width=1920)
+    (large,) = run_profiles(["easy"], 1, 0, width=1280)
     assert large.good == 1.0
+    assert sizes == [(640, 360), (1280, 720)]
 
 
 def test_profiles_run_with_what_a_user_knows():
