@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from circlecal.geometry.camera_parameters import project
+from circlecal.field.view import FieldView
+from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, project
+from circlecal.tracking.frame_paint import residuals_of
 from circlecal.tracking.markings import Places, grow_places, place_markings, template_curves
 from circlecal.tracking.one_line import keep_one_line
 from circlecal.tracking.seen_paint import measure_markings
-from tests.tracking.scenes import HEAD, template, tripod
+from tests.tracking.scenes import HEAD, measure_ideal, template, tripod
 
 
 @pytest.mark.parametrize(("beside", "is_two"), [(4, False), (20, True)])
@@ -64,3 +66,71 @@ def test_circles_bend_in_the_picture_as_their_places_do_and_lines_do_not() -> No
     is_flat = (told != 0) & (np.abs(exact) < 0.005)
     assert np.count_nonzero(is_flat) > 40
     np.testing.assert_allclose(told[is_flat], exact[is_flat], rtol=0.06)
+
+
+@pytest.mark.parametrize("growth_m", [(0.0, 0.0), (-13.0, -9.0), (4.0, 6.0)])
+def test_markings_end_where_a_field_of_another_size_ends(growth_m: tuple[float, float]) -> None:
+    drawn, camera = template_curves(template()), tripod()
+    sized = FieldView(camera.view(HEAD, np.zeros((3, 3))).camera, growth_m=np.array(growth_m)).markings(template())
+    theta = np.zeros(len(PARAMETERS))
+    theta[[INDEX["length"], INDEX["breadth"]]] = growth_m
+    for number, name in enumerate(drawn.names):
+        marking = np.full(2, number)
+        ends = grow_places(drawn, marking, drawn.places(marking, np.array([0.0, 1.0]), theta), theta)
+        np.testing.assert_allclose(ends, sized[name][[0, -1]], atol=1e-9)
+
+
+def test_places_are_looked_for_up_to_the_end_of_the_field_as_it_is() -> None:
+    drawn, camera = template_curves(template()), tripod()
+    theta = camera.model.thetas(HEAD[None] + np.array([-0.7, 0.35, 0.1]), camera.mean)[0]
+    on_halfway = drawn.names.index("halfway_line")
+    for broader_m in (-10.0, 0.0, 10.0):
+        theta[INDEX["breadth"]] = broader_m
+        places = place_markings(drawn, theta, camera.model.projection, 0.12)
+        nearest_m = places.field_m[places.marking == on_halfway, 1].max()
+        assert nearest_m == pytest.approx((template().width_m + broader_m) / 2.0, abs=1.5)
+
+
+def test_where_a_halfway_line_ends_moves_none_of_the_paint_on_it() -> None:
+    # seen through a lens that bends it; as a share of the line, a place would slide along it
+    drawn, camera = template_curves(template()), tripod()
+    head = np.array([np.log(2200.0), -0.01, 1.38])
+    measured = measure_ideal(head, np.zeros(2), 0.1, np.random.default_rng(3))
+    theta = camera.model.thetas(head[None], camera.mean)[0]
+    theta[INDEX["kappa_1"]] = -0.1
+    away, _ = residuals_of(measured, drawn, theta, camera.model.projection)
+    theta[INDEX["breadth"]] = -20.0
+    narrower, by_theta = residuals_of(measured, drawn, theta, camera.model.projection)
+    on_line = measured.marking == drawn.names.index("halfway_line")
+    assert np.count_nonzero(on_line) > 20
+    np.testing.assert_array_equal(narrower[on_line], away[on_line])
+    assert (by_theta[on_line, INDEX["breadth"]] == 0.0).all()
+
+
+def test_places_follow_the_sizes_of_the_field_as_their_derivatives_say() -> None:
+    drawn, camera = template_curves(template()), tripod()
+    model = camera.model.projection
+    theta = camera.model.thetas(HEAD[None] + np.array([0.0, -0.1, 0.0]), camera.mean)[0]
+    theta[[INDEX["length"], INDEX["breadth"]]] = [-5.0, 3.0]
+    places = place_markings(drawn, theta, model, 0.12)
+    assert len(set(places.marking)) > 4
+    for size in ("length", "breadth"):
+        step = np.zeros(len(theta))
+        step[INDEX[size]] = 0.01
+        after, before = (
+            project(t[None], grow_places(drawn, places.marking, places.field_m, t)[None], model).pixels[0]
+            for t in (theta + step, theta - step)
+        )
+        moved = ((after - before) * places.normals).sum(axis=1) / 0.02
+        np.testing.assert_allclose(places.by_theta[:, INDEX[size]], moved, rtol=1e-3, atol=1e-4)
+
+
+@pytest.mark.parametrize("broader_m", [-20.0, 20.0])
+def test_goals_hide_as_much_of_their_line_on_fields_of_any_width(broader_m: float) -> None:
+    drawn, camera = template_curves(template()), tripod()
+    theta = camera.model.thetas(HEAD[None] + np.array([0.0, -0.15, 0.0]), camera.mean)[0]
+    theta[INDEX["breadth"]] = broader_m
+    places = place_markings(drawn, theta, camera.model.projection, 0.12, spacing_px=1.0)
+    on_line = places.marking == drawn.names.index("side_line_left")
+    grown = grow_places(drawn, places.marking[on_line], places.field_m[on_line], theta)
+    assert 5.0 < np.abs(grown[:, 1]).min() < 5.7
