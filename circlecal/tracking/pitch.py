@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +14,9 @@ from circlecal.geometry.surface import SurfaceShape
 from circlecal.rig.tripod import PLACE, TripodEstimate
 from circlecal.tracking.frame_paint import HeadedFrame
 from circlecal.tracking.looking import LookedAt, Place
-from circlecal.tracking.markings import DrawnTemplate
+from circlecal.tracking.markings import CLEAR_PX_M, DrawnTemplate
 from circlecal.tracking.touchlines import find_width
-from circlecal.tracking.tripod_fit import TripodFit, count_alike, fit_tripod
+from circlecal.tracking.tripod_fit import TripodFit, count_alike, excess_of, fit_tripod
 
 SHAPES: tuple[SurfaceShape, ...] = ("roof", "parabola")
 WORST_RMS_PX = 2.0
@@ -48,11 +47,6 @@ WIDTH_SD_M = 0.3
 """What is left open of a width that is searched for, metres: in 14 rendered clips it is 0.0 to 0.2 off where the rest
 of the tripod is known.
 """
-ROUGH_SHARE, ROUGH_PX = 1.55, 0.05
-"""Where the models leave more in all frames than noise, costs say little; then the root mean square distance may be up
-to that share, and so many pixels at 1920 px width, more: length and width take what lens, surface and painters leave of
-the models.
-"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,19 +58,16 @@ class UsualSize:
     is_usual : (bool, bool)
         Whether the length, and whether the width, is the template's.
     most_cost : float
-        By how much more it may cost than a pitch of any size and is taken for certain.
-    rough_costs : float
-        How many times as much it may cost where the models leave more in all frames than noise.
+        By how much more it may cost than a pitch of any size.
     """
 
     is_usual: tuple[bool, bool]
     most_cost: float
-    rough_costs: float
 
 
 USUAL_SIZES = (
-    UsualSize((True, True), 11.0, 2.0),
-    UsualSize((False, True), 1.0, 1.15),
+    UsualSize((True, True), 11.0),
+    UsualSize((False, True), 1.0),
 )
 """Sizes in the order in which they are tried. What each may cost is what the prior has for it, twice the logarithm,
 less that of hundred to one. Of professional pitches five in six have the template's size; of the others every second is
@@ -84,58 +75,23 @@ as wide and every third as long; and frames tell each to 0.3 m of the 30 and 45 
 104.4 m beside a width of 61.3 m costs 8 at 105 m, and was held there, 22 px off before a penalty area; so a length
 alone is not held.
 
-Before rough models, real pitches of 105 by 68 m come out as 104.4 by 67.2, 105.2 by 67.4 and 105.5 by 68.2 m with 1.02
-to 1.3 times less of the cost, one seen from behind its goal as 104.2 by 68.2 m with 1.9 times less, and ideal ones with
-painters' errors with 1.04 to 1.6 times less; a real one of 100 m has ten times less, one of 101.4 m eight times. At
-68 m in width the latter, and one of 103 m, cost 1.00 to 1.01 times as much as at any. Of one ground, by frames alone
-66.3 and 66.8 m wide, two clips cost 2.1 and 1.5 times as much at the template's size, where the second one does not
-explain a frame that any size does, and 2.0 and 1.3 times at its width.
+Where the models leave more than noise, as on all real clips, all frames repeat it, over whole markings, and the cost
+counts by how far markings are off alike: divided by 8 to 180. So divided, six real pitches cost 0.4 to 4.6 at the
+template's size, ideal ones with painters' errors 1.4 to 9.5, and others, whose paint lies beside it, 12 (104.2 by
+68.2 m), 21 (103.5 m long), 21 (66.4 m wide) and some hundred (100 and 101.5 m); at the template's width those of them
+that are 68 m wide 0.0 to 0.2. One of 106.6 by 67.2 m costs 3, and is told by a frame that the template's size does not
+explain.
 """
-WIDTH_COSTS = 1.65
-"""How many times as much as any size the usual width may cost beside the best length, so that length and width are held
-at the usual ones together: of real pitches as wide 1.0 to 1.15 times, of ideal ones with painters' errors 1.6 times, of
-the one 66.3 m wide 1.8 to 2.0 times, which costs no more at 105 by 68 m than the one seen from behind its goal does.
+EXCESS_LEFT = 0.65
+"""Share of the mean square distance beyond noise that may be left without a far line round the field which is a false
+one: with the foot of the boards taken for a touchline, beside what painters leave, 0.01 to 0.56, without the far
+touchlines of twelve real pitches 0.78 to 1.34. Of lines that are near, and where no more is left than noise makes,
+nothing may be left.
 """
-
 JOINT_PLACES, JOINT_FRAMES = (30, 15), 3
 """Places of paint on a circle in the middle of the field and on markings at an end, by which one picture shows both,
 and number of such pictures that tell how far the ends are apart.
 """
-
-
-@dataclass(frozen=True, slots=True)
-class _Allowance:
-    """How much farther from the paint than a pitch of any size one of a usual size may lie where the models are rough.
-
-    Attributes
-    ----------
-    is_rough : bool
-        Whether the models leave more in all frames than noise.
-    farthest_px : float
-        Largest root mean square distance.
-    limit_px : float
-        A frame that lies farther from the paint counts as falsely calibrated.
-    """
-
-    is_rough: bool
-    farthest_px: float
-    limit_px: float
-
-    @classmethod
-    def of(cls, free: TripodFit, alike: float, count: int, limit_px: float) -> _Allowance:
-        """By the fit of ``count`` frames with a pitch of any size and what their errors have in common."""
-        roughness = (alike - 1.0) / max(count - 1, 1)
-        away = float(np.mean(free.rms_px))
-        beyond = (ROUGH_SHARE - 1.0) * away + ROUGH_PX * free.estimate.size[0] / 1920.0
-        return cls(roughness > 0.0, away + roughness * beyond, limit_px)
-
-    def allows(self, fixed: TripodFit, free: TripodFit, rough_costs: float) -> bool:
-        """Whether the fit of a usual size explains the paint about as well, and every frame that the free one does: a
-        frame that contradicts the size is no false calibration.
-        """
-        loses = (fixed.clear_rms_px > self.limit_px) & (free.clear_rms_px <= self.limit_px)
-        is_near = float(np.mean(fixed.rms_px)) < self.farthest_px and fixed.cost < rough_costs * free.cost
-        return self.is_rough and is_near and not loses.any()
 
 
 def choose_pitch(
@@ -164,57 +120,21 @@ def choose_pitch(
     roof, parabola = shaped
     free = parabola if parabola.cost < (1.0 - DECISIVE_SHARE) * roof.cost - DECISIVE else roof
     is_told = np.sqrt(np.diag(free.estimate.covariance))[SIZE] < TOLD_SD_M
-    allowance = _Allowance.of(free, alike, len(frames), limit_px)
-
-    @cache
-    def fit_usual(hypothesis: UsualSize) -> TripodFit:
+    spread = 1.0
+    if alike > 1.0:
+        spread = fit_tripod(frames, free.estimate, mean, sd, drawn, alike=alike, parts_m=np.inf).spread
+    for hypothesis in USUAL_SIZES:
         usual_mean, usual_sd = _prior_of(hypothesis, is_told, mean, sd)
         roof, parabola = (fit_tripod(frames, f.estimate, usual_mean, usual_sd, drawn, alike=alike) for f in shaped)
-        return parabola if parabola.cost < roof.cost - DECISIVE else roof
-
-    _, width_alone = USUAL_SIZES
-    for hypothesis in USUAL_SIZES:
-        fixed = fit_usual(hypothesis)
+        fixed = parabola if parabola.cost < roof.cost - DECISIVE else roof
         if fixed.cost < free.cost:  # which a freer fit cannot be, but for the optimum that it found
             free = fit_tripod(frames, fixed.estimate, mean, sd, drawn, alike=alike)
-        if fixed.cost < free.cost + hypothesis.most_cost:
-            return fixed
-        if not allowance.allows(fixed, free, hypothesis.rough_costs):
-            continue
-        if not hypothesis.is_usual[0]:
-            return fixed
-        is_width_near = fit_usual(width_alone).cost <= WIDTH_COSTS * free.cost
-        if is_width_near and not _is_length_another(frames, free.estimate, mean, sd, drawn, alike, limit_px):
+        more_cost = fixed.cost - free.cost
+        # a frame that contradicts the size is no false calibration
+        loses = (fixed.clear_rms_px > limit_px) & (free.clear_rms_px <= limit_px)
+        if more_cost < hypothesis.most_cost or (more_cost < hypothesis.most_cost * spread and not loses.any()):
             return fixed
     return free
-
-
-def _is_length_another(
-    frames: list[HeadedFrame],
-    free: TripodEstimate,
-    mean: Array,
-    sd: Array,
-    drawn: DrawnTemplate,
-    alike: float,
-    limit_px: float,
-) -> bool:
-    """Whether the frames that show the middle of the field with its ends do not allow the usual length.
-
-    From one end to the other a length is told by what a tripod's frames have in common, its pivot and its lens by zoom,
-    which take what the models leave: by all its frames a real pitch of 103 m is 103.7 m long, and one of 105 m explains
-    them with 1.16 times the distance and 1.35 times the cost. Frames with the circle have it at 103.3 m, and need 1.7
-    and 2.4 times as much at 105 m; those of a pitch of 105 m 1.01 times as much.
-    """
-    joint = joint_frames(frames, drawn)
-    if not joint:
-        return False
-    alike = 1.0 + (alike - 1.0) * (len(joint) - 1) / (len(frames) - 1)
-    usual_mean, usual_sd = mean.copy(), sd.copy()
-    usual_mean[PLACE["length"]] = usual_sd[PLACE["length"]] = 0.0
-    usual = fit_tripod(joint, free, usual_mean, usual_sd, drawn, alike=alike)
-    any_length = fit_tripod(joint, free, mean, sd, drawn, alike=alike)
-    rough_costs = USUAL_SIZES[0].rough_costs
-    return not _Allowance.of(any_length, alike, len(joint), limit_px).allows(usual, any_length, rough_costs)
 
 
 def joint_frames(frames: Sequence[HeadedFrame], drawn: DrawnTemplate) -> list[HeadedFrame]:
@@ -286,8 +206,8 @@ def open_size(held: TripodEstimate, loose: TripodEstimate, is_held: NDArray[np.b
 def leave_out_false_line(
     frames: list[HeadedFrame], starts: Sequence[TripodEstimate], mean: Array, sd: Array, drawn: DrawnTemplate
 ) -> tuple[list[HeadedFrame], list[TripodFit]]:
-    """Frames without the one line round the field that is to blame for all that the models leave beyond noise, and
-    their fits from each start; as they are, where no line is.
+    """Frames without the one line round the field that is to blame for what the models leave beyond noise, or for much
+    of it where the line is far, and their fits from each start; as they are, where no line is.
 
     In its place the foot of the boards was found, or where the grass changes its colour. The fits are made as if no two
     frames had an error of the models in common.
@@ -296,15 +216,22 @@ def leave_out_false_line(
     def fit(seen: list[HeadedFrame]) -> list[TripodFit]:
         return [fit_tripod(seen, start, mean, sd, drawn) for start in starts]
 
+    def is_far(line: int) -> bool:
+        scales = np.concatenate([frame.measured.scale_px_m[frame.measured.marking == line] for frame in frames])
+        return bool(np.median(scales) < CLEAR_PX_M * starts[0].size[0] / 1920.0)
+
     fits = fit(frames)
-    if min(map(count_alike, fits)) > 1.0:
+    excess, best = min(map(excess_of, fits)), (frames, fits)
+    least = excess
+    if excess > 0.0:
         seen = np.unique(np.concatenate([frame.measured.marking for frame in frames]))
         for line in np.intersect1d(drawn.border, seen).tolist():
             others = [replace(frame, measured=frame.measured.leave_out(line)) for frame in frames]
             fits_of_others = fit(others)
-            if min(map(count_alike, fits_of_others)) == 1.0:
-                return others, fits_of_others
-    return frames, fits
+            left = min(map(excess_of, fits_of_others))
+            if left < least and left <= (EXCESS_LEFT * excess if excess > 1.0 and is_far(line) else 0.0):
+                least, best = left, (others, fits_of_others)
+    return best
 
 
 def _of_shapes(tripod: TripodEstimate, shapes: Sequence[SurfaceShape]) -> list[TripodEstimate]:

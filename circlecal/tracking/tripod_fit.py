@@ -82,8 +82,8 @@ def common_priors(config: CameraConfig, rig: RigConfig, template: FieldTemplate,
 @dataclass(frozen=True, slots=True)
 class TripodFit:
     """A tripod with the heads (F, 3) of its frames, their root mean square residuals (F,), px, without those of paint
-    too faint to be expected, those of paint that is not mistaken for what lies beside it where these are less (F,), and
-    the cost.
+    too faint to be expected, those of paint that is not mistaken for what lies beside it where these are less (F,), the
+    cost, and how many times the variance that it is taken to have the paint has about its markings, 1 where less.
     """
 
     estimate: TripodEstimate
@@ -91,6 +91,7 @@ class TripodFit:
     rms_px: Array
     clear_rms_px: Array
     cost: float
+    spread: float = 1.0
 
 
 def fit_tripod(
@@ -142,7 +143,7 @@ def fit_tripod(
     rms, clear_rms = problem.distances(at)
     # where only noise is left it may be less than it is taken to be
     is_noise = alike == 1.0 and float(np.mean(rms)) <= MODEL_SIGMA_PX * problem.unit
-    told = at.normal
+    told, spread = at.normal, 1.0
     if len(frames) > 1 and (is_noise or parts_m is not None):
         spread = problem.measure_spread(at, LOSS_SCALE, PART_M if parts_m is None else parts_m)
         told = told.scale(1.0 / (spread if is_noise else max(spread, 1.0)))
@@ -155,7 +156,7 @@ def fit_tripod(
         head_high=at.heads.max(axis=0),
         used=tuple(frame.name for frame in frames),
     )
-    return TripodFit(estimate, at.heads, rms, clear_rms, problem.cost(at))
+    return TripodFit(estimate, at.heads, rms, clear_rms, problem.cost(at), max(spread, 1.0))
 
 
 def _tell_covariance(problem: TripodProblem, at: TripodState, told: Normal, sd: Array, is_width_free: bool) -> Array:
@@ -185,9 +186,13 @@ def count_alike(fit: TripodFit) -> float:
     as in rendered clips, only the noise is left, and that differs from frame to frame; what is left beyond it is the
     models' own error, and all frames repeat it.
     """
+    return 1.0 + (len(fit.heads) - 1) * min(excess_of(fit), 1.0)
+
+
+def excess_of(fit: TripodFit) -> float:
+    """What the models leave of the paint beyond noise, as a share of the noise's mean square."""
     usual = MODEL_SIGMA_PX * fit.estimate.size[0] / 1920.0
-    excess = (float(np.mean(fit.rms_px)) / usual) ** 2 - 1.0
-    return 1.0 + (len(fit.heads) - 1) * min(max(excess, 0.0), 1.0)
+    return max((float(np.mean(fit.rms_px)) / usual) ** 2 - 1.0, 0.0)
 
 
 def free_parameters(sd: Array, is_width_free: bool = False) -> Indices:

@@ -11,7 +11,7 @@ from circlecal.config import load_config
 from circlecal.rig.tripod import PLACE, TripodEstimate
 from circlecal.tracking import closer_look, pitch
 from circlecal.tracking.frame_paint import PART_M, HeadedFrame
-from circlecal.tracking.looking import LookedAt
+from circlecal.tracking.looking import LookedAt, Place
 from circlecal.tracking.markings import template_curves
 from circlecal.tracking.survey import WORST_RMS_PX
 from circlecal.tracking.tripod_fit import common_priors, fit_tripod
@@ -70,22 +70,16 @@ def test_a_usual_size_is_told_as_uncertain_as_its_own_paint_contradicts_it() -> 
     assert abs(told.growth_m[0] - 1.5) < 2.5 * told.sigma("length")
 
 
-def test_pictures_of_the_middle_and_an_end_tell_a_length_that_all_frames_together_do_not(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_length_that_the_markings_tell_beyond_all_that_painters_leave_is_not_held() -> None:
     growth_m, drawn = -3.0, template_curves(template())
     frames = views_of_badly_painted_markings(5, 1.4, (growth_m, 0.0))
-    # so much that neither the cost of all frames nor a single one contradicts the usual length
-    limit_px = 2.0 * LIMIT_PX
-    monkeypatch.setattr(pitch, "USUAL_SIZES", tuple(replace(size, rough_costs=2.5) for size in pitch.USUAL_SIZES))
     mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
-    found = pitch.choose_pitch(frames, tripod(), mean, sd, drawn, limit_px).estimate
-    assert abs(found.growth_m[0] - growth_m) < 0.6
+    # so much that no single frame contradicts the usual length
+    found = pitch.choose_pitch(frames, tripod(), mean, sd, drawn, 2.0 * LIMIT_PX).estimate
+    assert abs(found.growth_m[0] - growth_m) < 1.0
     told = closer_look._fit_closely(found, frames, [], load_config(), template(), drawn, parts_m=PART_M)
     assert abs(told.growth_m[0] - growth_m) < min(2.5 * told.sigma("length"), 0.6)
     assert told.sigma("length") > 0.05
-    monkeypatch.setattr(pitch, "JOINT_FRAMES", len(frames) + 1)
-    assert pitch.choose_pitch(frames, tripod(), mean, sd, drawn, limit_px).estimate.growth_m[0] == 0.0
 
 
 def test_pictures_of_the_middle_and_an_end_that_leave_a_length_open_do_not_tell_it(
@@ -146,27 +140,26 @@ def test_what_follows_a_size_is_uncertain_with_it() -> None:
 
 
 def test_a_frame_that_contradicts_the_usual_size_is_no_false_calibration() -> None:
+    frames, drawn = views_of_badly_painted_markings(4, 1.0, (1.5, 0.0)), template_curves(template())
     mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
-    some = fit_tripod(views_of_a_pitch(105.0, 68.0), tripod(), mean, sd, template_curves(template()))
-    near = np.full(4, 0.6)
-
-    def allows(usual_px: float, any_px: float) -> bool:
-        free, fixed = (
-            replace(some, rms_px=near, clear_rms_px=np.array([*near[:3], worst]), cost=cost)
-            for worst, cost in ((any_px, 100.0), (usual_px, 150.0))
-        )
-        return pitch._Allowance.of(free, 4.0, 4, LIMIT_PX).allows(fixed, free, 1.6)
-
-    assert allows(0.9 * LIMIT_PX, 0.6)
-    assert not allows(1.05 * LIMIT_PX, 0.6)
-    # one that no size explains is left out afterwards
-    assert allows(1.2 * LIMIT_PX, 1.1 * LIMIT_PX)
+    free = fit_tripod(frames, tripod(), mean, sd, drawn, alike=float(len(frames)))
+    usual_sd = sd.copy()
+    usual_sd[[PLACE["length"], PLACE["breadth"]]] = 0.0
+    fixed = fit_tripod(
+        frames, tripod(), np.where(usual_sd == 0.0, 0.0, mean), usual_sd, drawn, alike=float(len(frames))
+    )
+    contradicted = float((fixed.clear_rms_px - free.clear_rms_px).argmax())
+    between = float(np.mean([fit.clear_rms_px[int(contradicted)] for fit in (fixed, free)]))
+    for limit_px, is_held in ((fixed.clear_rms_px.max() + 0.1, True), (between, False)):
+        found = pitch.choose_pitch(frames, tripod(), mean, sd, drawn, limit_px).estimate
+        assert (found.growth_m[0] == 0.0) == is_held
 
 
-def test_boards_behind_a_touchline_do_not_broaden_the_pitch() -> None:
+@pytest.mark.parametrize("seed", [2, 3, 6])
+def test_boards_behind_a_touchline_do_not_broaden_the_pitch(seed: int) -> None:
     frames, drawn, rng = [], template_curves(template()), np.random.default_rng(7)
     far = drawn.names.index("side_line_top")
-    for k, frame in enumerate(views_of_badly_painted_markings(1, 0.8)):
+    for k, frame in enumerate(views_of_badly_painted_markings(seed, 0.8)):
         seen = frame.measured
         on_it = np.flatnonzero(seen.marking == far)
         # here and there the foot of the boards is seen instead, 3 m behind the line
@@ -179,6 +172,24 @@ def test_boards_behind_a_touchline_do_not_broaden_the_pitch() -> None:
     mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
     fit = pitch.choose_pitch(frames, tripod(), mean, sd, drawn, LIMIT_PX)
     np.testing.assert_array_equal(fit.estimate.growth_m, 0.0)
+
+
+def test_a_halfway_line_on_a_surface_of_another_shape_does_not_tell_how_broad_the_pitch_is() -> None:
+    drawn, place = template_curves(template()), Place.of(tripod(), template())
+    frames = []
+    for k, pan in enumerate((-0.01, -0.1)):
+        head = np.array([np.log(2200.0), pan, 1.38])
+        picture = LookedAt.of(draw(head, np.random.default_rng(k)), load_config().mask)
+        seen = place.look(picture, head, place.proposal_covariance(head)).measured
+        for name in ("side_line_top", "side_line_bottom"):
+            seen = seen.leave_out(drawn.names.index(name))
+        frames.append(HeadedFrame(str(k), head, seen))
+    assert all(frame.measured.painted[drawn.names.index("halfway_line")] > 20 for frame in frames)
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    start = replace(tripod(), surface=replace(tripod().surface, shape="parabola"))
+    found = fit_tripod(frames, start, mean, sd, drawn).estimate
+    assert found.growth_m[1] == pytest.approx(mean[PLACE["breadth"]], abs=0.1)
+    assert found.sigma("breadth") == pytest.approx(sd[PLACE["breadth"]], rel=1e-3)
 
 
 def test_boards_behind_a_goal_line_do_not_lengthen_the_pitch() -> None:
