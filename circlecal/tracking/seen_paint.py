@@ -79,7 +79,7 @@ class MeasuredFrame:
     Attributes
     ----------
     marking, field_m : (M,), (M, 2) arrays
-        Which marking, and where on it before it moves with the sizes of the field: see :meth:`DrawnTemplate.places`.
+        Which marking, and where on it, on a field of the template's size.
     points_px, normals : (M, 2) arrays
         Middle of the paint, and the direction across it in which it was measured.
     width_px, scale_px_m : (M,) arrays

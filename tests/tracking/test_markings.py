@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from circlecal.field.view import FieldView
-from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, project
+from circlecal.geometry.camera_parameters import INDEX, project
 from circlecal.tracking.frame_paint import residuals_of
 from circlecal.tracking.markings import Places, grow_places, place_markings, template_curves
 from circlecal.tracking.one_line import keep_one_line
@@ -66,29 +65,6 @@ def test_circles_bend_in_the_picture_as_their_places_do_and_lines_do_not() -> No
     is_flat = (told != 0) & (np.abs(exact) < 0.005)
     assert np.count_nonzero(is_flat) > 40
     np.testing.assert_allclose(told[is_flat], exact[is_flat], rtol=0.06)
-
-
-@pytest.mark.parametrize("growth_m", [(0.0, 0.0), (-13.0, -9.0), (4.0, 6.0)])
-def test_markings_end_where_a_field_of_another_size_ends(growth_m: tuple[float, float]) -> None:
-    drawn, camera = template_curves(template()), tripod()
-    sized = FieldView(camera.view(HEAD, np.zeros((3, 3))).camera, growth_m=np.array(growth_m)).markings(template())
-    theta = np.zeros(len(PARAMETERS))
-    theta[[INDEX["length"], INDEX["breadth"]]] = growth_m
-    for number, name in enumerate(drawn.names):
-        marking = np.full(2, number)
-        ends = grow_places(drawn, marking, drawn.places(marking, np.array([0.0, 1.0]), theta), theta)
-        np.testing.assert_allclose(ends, sized[name][[0, -1]], atol=1e-9)
-
-
-def test_places_are_looked_for_up_to_the_end_of_the_field_as_it_is() -> None:
-    drawn, camera = template_curves(template()), tripod()
-    theta = camera.model.thetas(HEAD[None] + np.array([-0.7, 0.35, 0.1]), camera.mean)[0]
-    on_halfway = drawn.names.index("halfway_line")
-    for broader_m in (-10.0, 0.0, 10.0):
-        theta[INDEX["breadth"]] = broader_m
-        places = place_markings(drawn, theta, camera.model.projection, 0.12)
-        nearest_m = places.field_m[places.marking == on_halfway, 1].max()
-        assert nearest_m == pytest.approx((template().width_m + broader_m) / 2.0, abs=1.5)
 
 
 def test_where_a_halfway_line_ends_moves_none_of_the_paint_on_it() -> None:
