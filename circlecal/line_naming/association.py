@@ -45,6 +45,8 @@ EXTENT_SLACK_SHARE, EXTENT_SLACK_M, EXTENT_SIGMAS = 0.15, 3.0, 2.0
 deviations of the field's sizes: an uncertain camera slides along a line, too, and a penalty area along and across its
 own lines.
 """
+UPDATES = 3
+"""Steps of a camera towards one line taken for one marking."""
 ROUGHLY_BEYOND_RULES_M = 3.0
 """Metres by which names may make a field smaller or larger than the rules of its sport allow: a rough fit is a metre
 or two off.
@@ -133,13 +135,18 @@ def associate_lines(
     slide_m = EXTENT_SIGMAS * _slide_sd(shifts, covariance)
     pairs = _pairs(segments, ends, shifts, theta, model, slide_m)
     names = [line.name for line in lines]
-    for s, name in elsewhere:
-        if name in names:
-            pairs.on_marking[s, names.index(name)] = False
     lengths = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=-1)
     limits = _limits_of_sizes(template) - theta[EXTENTS, None]
     cost, growth = _innovate(pairs.residuals[None], pairs.jacobians, covariance[None], sigma_px)
-    seeds = np.argwhere(pairs.on_marking & (cost[0] < LARGEST_SEED_COST) & _lie_within(growth[0], limits))
+    may_seed = (cost[0] < LARGEST_SEED_COST) & _lie_within(growth[0], limits)
+    off = np.argwhere(may_seed & ~pairs.on_marking)
+    if len(off):
+        camera = theta, covariance, model
+        pairs.on_marking[tuple(off.T)] = _lie_on_under_own(off, segments, ends, shifts, camera, slide_m, sigma_px)
+    for s, name in elsewhere:
+        if name in names:
+            pairs.on_marking[s, names.index(name)] = False
+    seeds = np.argwhere(pairs.on_marking & may_seed)
     seeds = seeds[np.argsort(-lengths[seeds[:, 0]], kind="stable")][: MOST_SEEDS if count > 1 else SEEDS_OF_ONE]
     if len(seeds) == 0:
         return []
@@ -165,19 +172,12 @@ def _slide_sd(shifts: Array, covariance: Array) -> Array:
 def _pairs(segments: Array, ends: Array, shifts: Array, theta: Array, model: ProjectionModel, slide_m: Array) -> _Pairs:
     """All pairs; a line may reach beyond its marking by the usual slack and as far as that may slide (T,), metres."""
     S, T = len(segments), len(ends)
-    span = ends[:, 1] - ends[:, 0]
-    lengths = np.hypot(span[:, 0], span[:, 1])
-    group = np.repeat(np.arange(T), 2 * S)
-    zero = np.zeros(len(group))
-    curves = CurvePoints(
-        np.tile(segments.reshape(-1, 2), (T, 1)), zero + 1.0, ends[group, 0], zero, zero, zero,
-        (span / lengths[:, None])[group], shifts[group], group, (MarkingKey(""),) * T,
-    )  # fmt: skip
+    lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1)
+    curves = _points_on(np.tile(segments.reshape(-1, 2), (T, 1)), ends, shifts, np.repeat(np.arange(T), 2 * S))
     start = ground_feet(curves, theta[None], model)
     seen = curve_residuals(curves, theta[None], start, model, updates=0)
     feet = seen.feet[0].reshape(T, S, 2)
-    slack = EXTENT_SLACK_SHARE * lengths[:, None, None] + EXTENT_SLACK_M + slide_m[:, None, None]
-    on_marking = ((feet > -slack) & (feet < lengths[:, None, None] + slack)).all(axis=-1)
+    on_marking = _lie_on_extent(feet, lengths[:, None, None], slide_m[:, None, None])
     # beyond where a barrel lens folds back, markings far aside of the picture seem to run through it
     places, _ = curve_points(curves, seen.feet, theta[None])
     on_marking &= project(theta[None], places, model).visible[0].reshape(T, S, 2).all(axis=-1)
@@ -186,6 +186,54 @@ def _pairs(segments: Array, ends: Array, shifts: Array, theta: Array, model: Pro
         np.ascontiguousarray(np.swapaxes(seen.jacobian[0].reshape(T, S, 2, -1), 0, 1)),
         on_marking.T,
     )
+
+
+def _lie_on_extent(feet: Array, lengths: Array, slide_m: Array) -> Mask:
+    """Whether both ends (..., 2) of seen lines, metres along markings of some lengths, lie about on these."""
+    slack = EXTENT_SLACK_SHARE * lengths + EXTENT_SLACK_M + slide_m
+    return np.asarray(((feet > -slack) & (feet < lengths + slack)).all(axis=-1), np.bool_)
+
+
+def _lie_on_under_own(
+    pairs: Indices,
+    segments: Array,
+    ends: Array,
+    shifts: Array,
+    camera: tuple[Array, Array, ProjectionModel],
+    slide_m: Array,
+    sigma_px: float,
+) -> Mask:
+    """Whether lines lie on the extents of markings (K, 2: which line, which marking) under the cameras that each pair
+    implies alone, by an iterated Kalman update (Bell and Cathey 1993).
+
+    Under a first camera of circle and halfway line the far end of a penalty area's front seemed 25 m beyond it that
+    lies on its corner: the line itself tells how far the ground is stretched there.
+    """
+    theta, covariance, model = camera
+    seen, drawn = pairs.T
+    K, own, each = len(pairs), 0.5 * sigma_px**2, np.arange(len(pairs))
+    curves = _points_on(segments[seen].reshape(-1, 2), ends[drawn], shifts[drawn], np.repeat(each, 2))
+    cameras = np.repeat(theta[None], K, axis=0)
+    for _ in range(UPDATES):
+        fit = curve_residuals(curves, cameras, ground_feet(curves, cameras, model), model, updates=1)
+        J = fit.jacobian.reshape(K, K, 2, -1)[each, each]
+        r = fit.values.reshape(K, K, 2)[each, each] - (J @ (cameras - theta)[..., None])[..., 0]
+        pushed = J @ covariance
+        inverse = _inverse(pushed @ np.swapaxes(J, 1, 2) + own * np.eye(2), own)
+        cameras = theta - (np.swapaxes(pushed, 1, 2) @ (inverse @ r[..., None]))[..., 0]
+    feet = curve_residuals(curves, cameras, ground_feet(curves, cameras, model), model, updates=1).feet
+    lengths = np.linalg.norm(ends[drawn, 1] - ends[drawn, 0], axis=-1)
+    return _lie_on_extent(feet.reshape(K, K, 2)[each, each], lengths[:, None], slide_m[drawn, None])
+
+
+def _points_on(points_px: Array, ends: Array, shifts: Array, group: Indices) -> CurvePoints:
+    """Points (N, 2) of T lines with these ends (T, 2, 2), by the number of each one's line (N,)."""
+    span, zero = ends[:, 1] - ends[:, 0], np.zeros(len(group))
+    lengths = np.hypot(span[:, 0], span[:, 1])
+    return CurvePoints(
+        points_px, zero + 1.0, ends[group, 0], zero, zero, zero, (span / lengths[:, None])[group], shifts[group],
+        group, (MarkingKey(""),) * len(ends),
+    )  # fmt: skip
 
 
 def has_allowed_size(theta: Array, template: FieldTemplate) -> Mask:

@@ -30,6 +30,10 @@ RIM_CLEARANCE_PX = 8.0
 """How far beyond the circle the halfway line goes on at least, pixels at 1920 px width."""
 ON_LINE_PX, BENT_SHARE = 4.0, 0.03
 """How far from the halfway line its other pieces lie: pixels at 1920 px width, and of their distance along it."""
+LARGEST_TURN = 0.1
+"""Sine of the angle between the halfway line and one of its pieces: 0.03 at most among 284 pieces in 110 real and
+rendered frames; a goal area's line, 1100 px further, whose own line meets a short piece of the halfway line, has 0.83.
+"""
 SURFACE_MARGIN = 0.02
 """Picture widths beyond the playing surface within which the halfway line may still be followed."""
 END_CLEARANCE_PX = 2.0
@@ -244,7 +248,9 @@ def _its_pieces(
 
 
 def _continues(line: LineCue, other: LineCue, unit: float) -> bool:
-    """Whether all points of the other lie on a line or where it goes on."""
+    """Whether all points of the other lie on a line or where it goes on, in about its direction."""
+    if abs(float(line.line[0] * other.line[1] - line.line[1] * other.line[0])) > LARGEST_TURN:
+        return False
     off = np.abs(line_distance(line.line, other.points_px))
     bend = BENT_SHARE * _beyond_extent(line.line, (line,), other.points_px)
     return bool((off < ON_LINE_PX * unit + bend).all())
