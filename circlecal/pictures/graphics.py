@@ -120,7 +120,30 @@ def _find_boxes(image: NDArray[np.uint8], edges: list[Band], light_edges: list[B
             above = [edge for edge in edges if edge.top < box.top]
             taken = (other.bottom + 1 for other in found if other.top < box.top)
             found.append(replace(box, top=max([_uppermost(above, box.top, height), *taken])))
-    return [box for box in found if not _is_field_beside(image, box, found)]
+    return [box for box in found if not (_is_field_beside(image, box, found) or _is_strip_of_field(image, box))]
+
+
+def _is_strip_of_field(image: NDArray[np.uint8], box: Band) -> bool:
+    """Whether what was taken for a box runs across the whole picture and has the colour, lighter or darker, of what
+    lies on one side of it alone: the ground between a level touchline and the boards, in the shade or mown otherwise.
+    """
+    if box.left > 0 or box.right < image.shape[1] - 1:
+        return False
+    usual, columns = _usual_colour(_inside_of(image, box)), slice(box.left, box.right + 1)
+    firsts = box.top - RIM_PX - OUTSIDE_PX, box.bottom + RIM_PX + 1
+    sides = [rows for first in firsts if (rows := _rows_outside(image, first, columns)) is not None]
+    return len(sides) == 2 and sum(bool(_are_alike(np.median(rows, axis=0), usual)) for rows in sides) == 1
+
+
+def _has_hue(colour: NDArray[np.float64]) -> bool:
+    """Whether a colour (3,) is far enough from grey to be told in the shade."""
+    return bool(colour.sum() < MOST_GREY * np.sqrt(3.0) * np.linalg.norm(colour))
+
+
+def _are_alike(values: Array, colour: NDArray[np.float64]) -> Mask:
+    """Which colours (..., 3) are one colour (3,), lighter or darker."""
+    along = values @ (colour / np.linalg.norm(colour))
+    return np.asarray(along > LEAST_ALIKE * np.linalg.norm(values, axis=-1))
 
 
 def _is_field_beside(image: NDArray[np.uint8], box: Band, found: list[Band]) -> bool:
@@ -379,10 +402,8 @@ def _share_elsewhere(
     every = FIELD_EVERY // EVERY
     rest = np.concatenate([image[: band.top : FIELD_EVERY, ::every], image[band.bottom + 1 :: FIELD_EVERY, ::every]])
     alike = _has_colour(rest, colour)
-    length = np.linalg.norm(colour)
-    if in_shade_too and colour.sum() < MOST_GREY * np.sqrt(3.0) * length:
-        values = rest.astype(np.float32)
-        alike |= values @ (colour / length) > LEAST_ALIKE * np.linalg.norm(values, axis=-1)
+    if in_shade_too and _has_hue(colour):
+        alike |= _are_alike(rest.astype(np.float32), colour)
     return float(alike.mean())
 
 
