@@ -177,7 +177,7 @@ def _pairs(segments: Array, ends: Array, shifts: Array, theta: Array, model: Pro
     start = ground_feet(curves, theta[None], model)
     seen = curve_residuals(curves, theta[None], start, model, updates=0)
     feet = seen.feet[0].reshape(T, S, 2)
-    on_marking = _lie_on_extent(feet, lengths[:, None, None], slide_m[:, None, None])
+    on_marking = lie_on_extent(feet, lengths[:, None, None], slide_m[:, None, None])
     # beyond where a barrel lens folds back, markings far aside of the picture seem to run through it
     places, _ = curve_points(curves, seen.feet, theta[None])
     on_marking &= project(theta[None], places, model).visible[0].reshape(T, S, 2).all(axis=-1)
@@ -188,7 +188,7 @@ def _pairs(segments: Array, ends: Array, shifts: Array, theta: Array, model: Pro
     )
 
 
-def _lie_on_extent(feet: Array, lengths: Array, slide_m: Array) -> Mask:
+def lie_on_extent(feet: Array, lengths: Array, slide_m: Array) -> Mask:
     """Whether both ends (..., 2) of seen lines, metres along markings of some lengths, lie about on these."""
     slack = EXTENT_SLACK_SHARE * lengths + EXTENT_SLACK_M + slide_m
     return np.asarray(((feet > -slack) & (feet < lengths + slack)).all(axis=-1), np.bool_)
@@ -223,7 +223,7 @@ def _lie_on_under_own(
         cameras = theta - (np.swapaxes(pushed, 1, 2) @ (inverse @ r[..., None]))[..., 0]
     feet = curve_residuals(curves, cameras, ground_feet(curves, cameras, model), model, updates=1).feet
     lengths = np.linalg.norm(ends[drawn, 1] - ends[drawn, 0], axis=-1)
-    return _lie_on_extent(feet.reshape(K, K, 2)[each, each], lengths[:, None], slide_m[drawn, None])
+    return lie_on_extent(feet.reshape(K, K, 2)[each, each], lengths[:, None], slide_m[drawn, None])
 
 
 def _points_on(points_px: Array, ends: Array, shifts: Array, group: Indices) -> CurvePoints:

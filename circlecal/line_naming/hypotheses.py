@@ -13,12 +13,20 @@ from circlecal.camera.problem import COARSE, WIDE_LOSS, Problem, State, minimise
 from circlecal.camera.residuals import CurvePoints, ground_feet, join_curves, line_curve, stack_curves
 from circlecal.field import FieldTemplate
 from circlecal.geometry.projective import Array, Indices, Mask
-from circlecal.line_naming.association import EXTENTS, Association, associate_lines, has_allowed_size
+from circlecal.line_naming.association import (
+    EXTENTS,
+    Association,
+    associate_lines,
+    has_allowed_size,
+    lie_on_extent,
+)
 from circlecal.line_naming.line_ends import FEWEST_POINTS, find_passed_lines, passes_end, segment_ends
 from circlecal.observations import LinePoints, MarkingKey, Observations
 
-HYPOTHESES, GROWING = 6, 2
-"""How many hypotheses are fitted, and of how many the lines are matched anew."""
+HYPOTHESES, GROWING, MOST_GROWING = 6, 2, 4
+"""How many hypotheses are fitted, and of how many the lines are matched anew: of those that explain about as much as
+the best one of more, since they leave nothing named until one of them explains what the others do not.
+"""
 RIVALS = 6
 """So many of the longest lines are also tried alone where markings may be painted beside their places: more lines come
 near one then than hypotheses hold, and each may be it.
@@ -199,9 +207,13 @@ def name_lines(
 
 
 def match_further_lines(scene: NamingScene, trials: list[Trial], count: int) -> list[Trial]:
-    """The hypotheses, the ``count`` best of them with the further lines that their cameras lead to."""
+    """The hypotheses, the ``count`` best of them with the further lines that their cameras lead to, and more of them
+    where they come near the best one.
+    """
     trials = list(trials)
-    growing = sorted(range(len(trials)), key=lambda k: -trials[k].score)[:count]
+    ranked = sorted(range(len(trials)), key=lambda k: -trials[k].score)
+    near_px = trials[ranked[0]].score - MARGIN_WIDTHS * scene.problem.model.width
+    growing = [k for i, k in enumerate(ranked[: max(count, MOST_GROWING)]) if i < count or trials[k].score > near_px]
     for _ in range(ROUNDS - 1):
         growing = [k for k in growing if len(trials[k].association.names) < len(scene.segments)]
         further = {k: scene.hypotheses(trials[k].theta, trials[k].normal, 1) for k in growing}
@@ -340,6 +352,7 @@ def _score(
     rms = np.sqrt((state.residuals * curves.sigma_px) ** 2 @ member / member.sum(axis=0))
     is_allowed = has_allowed_size(state.theta, scene.template)
     passed = named & (rms[:, known:] < PASSED_PX * scene.unit) & is_allowed[:, None]
+    passed &= _lie_on_extents(scene, associations, state)
     explained = (lengths * passed).sum(axis=1)
     missed = (lengths * named).sum(axis=1) - explained
     worse = np.maximum(0.0, rms[:, :known] - scene.before_px - scene.allowed_px)
@@ -349,6 +362,19 @@ def _score(
     prior = (problem.priors.residuals(state.theta)[0] ** 2).sum(axis=1)
     against = PX_PER_MISSED_PX * missed + scene.unit * (strain + PX_PER_PRIOR * prior)
     return passed, explained, explained - against
+
+
+def _lie_on_extents(scene: NamingScene, associations: list[Association], state: State) -> Mask:
+    """Which lines (B, S) lie on the extents of the markings that they are taken for, under the cameras of the fits."""
+    first = np.flatnonzero(np.diff(scene.line, prepend=-1))
+    feet = state.feet[:, -len(scene.line) :]
+    ends = np.stack([reduce.reduceat(feet, first, axis=1) for reduce in (np.minimum, np.maximum)], axis=-1)
+    lengths = np.full(ends.shape[:2], np.inf)
+    for b, association in enumerate(associations):
+        for s, name in association.names.items():
+            start, end = scene.template.line_ends(scene.template.line_by_name[name])
+            lengths[b, s] = np.linalg.norm(end - start)
+    return lie_on_extent(ends, lengths[..., None], np.zeros(1))
 
 
 def _weigh_rivals(scene: NamingScene, trials: list[Trial], best: Trial) -> list[Trial]:
