@@ -34,7 +34,7 @@ from circlecal.line_naming.line_ends import add_line_ends, agree_with_ends
 from circlecal.observations import Observations
 
 OVERRULING_LINES = 3
-"""So many different lines that get a name only without the seen ends of others show that those are none."""
+"""So many more different lines that get a name without the seen ends of others show that those are none."""
 
 STRAINING_ENDS = 9.0
 """By how much chi-square must grow with both ends of a line for each to be tried without the other: one of them may be
@@ -144,11 +144,12 @@ def recognise(task: Task, stated: CurvePoints, fit: Fit) -> Recognised | None:
             others = name_lines(problem, state, seen, template, noise, end)
             if end and len(set(others.names.values())) > len(set(found.names.values())):
                 ends, found = end, others
-    if ends and not found.names:
+    if ends and _leaves_most(found.names, observations):
         # an end may be a cover's edge: only a whole structure of lines says so
         others = name_lines(fit.problem, fit.state, observations, template, noise)
+        overrules = len(set(others.names.values())) >= len(set(found.names.values())) + OVERRULING_LINES
         # and a line that passes through the end tells better where it runs
-        if len(set(others.names.values())) >= OVERRULING_LINES or agree_with_ends(others.names, ends, observations):
+        if overrules or (not found.names and agree_with_ends(others.names, ends, observations)):
             ends, found = (), others
     if not ends and not found.names:
         return None
@@ -156,6 +157,14 @@ def recognise(task: Task, stated: CurvePoints, fit: Fit) -> Recognised | None:
     further = curves_from_observations(replace(observations, circles=(), lines=lines), template, task.noise)
     problem = replace(fit.problem, curves=join_curves(stated, further))
     return Recognised(problem, found.theta[None], found.names)
+
+
+def _leaves_most(names: dict[int, str], observations: Observations) -> bool:
+    """Whether more points lie on the straight lines that have no name, given or found, than on those that have found
+    one.
+    """
+    count = {k: len(line.points_px) for k, line in enumerate(observations.lines) if line.line is None}
+    return sum(count.values()) >= 2 * sum(count[k] for k in names)
 
 
 def _with_one_end(observations: Observations) -> Iterator[Observations]:

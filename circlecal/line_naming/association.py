@@ -132,7 +132,7 @@ def associate_lines(
     if len(segments) == 0 or not lines:
         return []
     ends, shifts = (geometry[drawn] for geometry in template.drawn_lines)
-    slide_m = EXTENT_SIGMAS * _slide_sd(shifts, covariance)
+    slide_m = EXTENT_SIGMAS * _slide_sd(shifts, covariance[np.ix_(_SIZES, _SIZES)])
     pairs = _pairs(segments, ends, shifts, theta, model, slide_m)
     names = [line.name for line in lines]
     lengths = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=-1)
@@ -142,7 +142,7 @@ def associate_lines(
     off = np.argwhere(may_seed & ~pairs.on_marking)
     if len(off):
         camera = theta, covariance, model
-        pairs.on_marking[tuple(off.T)] = _lie_on_under_own(off, segments, ends, shifts, camera, slide_m, sigma_px)
+        pairs.on_marking[tuple(off.T)] = _lie_on_under_own(off, segments, ends, shifts, camera, sigma_px)
     for s, name in elsewhere:
         if name in names:
             pairs.on_marking[s, names.index(name)] = False
@@ -161,11 +161,12 @@ def associate_lines(
     return sorted(different.values(), key=lambda a: a.score, reverse=True)[:count]
 
 
-def _slide_sd(shifts: Array, covariance: Array) -> Array:
-    """Standard deviation (T,), metres, of how far the field's sizes move each marking, by shifts (T, 3, 2): along
-    itself, or across, which at a slant moves the nearest point along it as far.
+def _slide_sd(shifts: Array, sizes: Array) -> Array:
+    """Standard deviation (T,), metres, of how far the field's sizes move each marking, by shifts (T, 3, 2) and the
+    covariances of the sizes (3, 3), or (T, 3, 3): along itself, or across, which at a slant moves the nearest point
+    along it as far.
     """
-    variance = np.einsum("tsx,su,tux->t", shifts, covariance[np.ix_(_SIZES, _SIZES)], shifts)
+    variance = ((np.swapaxes(shifts, 1, 2) @ sizes) * np.swapaxes(shifts, 1, 2)).sum(axis=(1, 2))
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
@@ -178,9 +179,7 @@ def _pairs(segments: Array, ends: Array, shifts: Array, theta: Array, model: Pro
     seen = curve_residuals(curves, theta[None], start, model, updates=0)
     feet = seen.feet[0].reshape(T, S, 2)
     on_marking = lie_on_extent(feet, lengths[:, None, None], slide_m[:, None, None])
-    # beyond where a barrel lens folds back, markings far aside of the picture seem to run through it
-    places, _ = curve_points(curves, seen.feet, theta[None])
-    on_marking &= project(theta[None], places, model).visible[0].reshape(T, S, 2).all(axis=-1)
+    on_marking &= _are_visible(curves, seen.feet, theta[None], model)[0].reshape(T, S, 2).all(axis=-1)
     return _Pairs(
         np.swapaxes(seen.values[0].reshape(T, S, 2), 0, 1),
         np.ascontiguousarray(np.swapaxes(seen.jacobian[0].reshape(T, S, 2, -1), 0, 1)),
@@ -188,8 +187,10 @@ def _pairs(segments: Array, ends: Array, shifts: Array, theta: Array, model: Pro
     )
 
 
-def lie_on_extent(feet: Array, lengths: Array, slide_m: Array) -> Mask:
-    """Whether both ends (..., 2) of seen lines, metres along markings of some lengths, lie about on these."""
+def lie_on_extent(feet: Array, lengths: Array, slide_m: Array | float = 0.0) -> Mask:
+    """Whether both ends (..., 2) of seen lines, metres along markings of some lengths, lie about on these, which may
+    slide by so much.
+    """
     slack = EXTENT_SLACK_SHARE * lengths + EXTENT_SLACK_M + slide_m
     return np.asarray(((feet > -slack) & (feet < lengths + slack)).all(axis=-1), np.bool_)
 
@@ -200,7 +201,6 @@ def _lie_on_under_own(
     ends: Array,
     shifts: Array,
     camera: tuple[Array, Array, ProjectionModel],
-    slide_m: Array,
     sigma_px: float,
 ) -> Mask:
     """Whether lines lie on the extents of markings (K, 2: which line, which marking) under the cameras that each pair
@@ -223,7 +223,20 @@ def _lie_on_under_own(
         cameras = theta - (np.swapaxes(pushed, 1, 2) @ (inverse @ r[..., None]))[..., 0]
     feet = curve_residuals(curves, cameras, ground_feet(curves, cameras, model), model, updates=1).feet
     lengths = np.linalg.norm(ends[drawn, 1] - ends[drawn, 0], axis=-1)
-    return lie_on_extent(feet.reshape(K, K, 2)[each, each], lengths[:, None], slide_m[drawn, None])
+    known = pushed[..., _SIZES]
+    sizes = covariance[np.ix_(_SIZES, _SIZES)] - np.swapaxes(known, 1, 2) @ inverse @ known
+    slide_m = EXTENT_SIGMAS * _slide_sd(shifts[drawn], sizes)
+    on_extent = lie_on_extent(feet.reshape(K, K, 2)[each, each], lengths[:, None], slide_m[:, None])
+    is_visible = _are_visible(curves, feet, cameras, model).reshape(K, K, 2)[each, each].all(axis=-1)
+    return np.asarray(on_extent & is_visible)
+
+
+def _are_visible(curves: CurvePoints, feet: Array, cameras: Array, model: ProjectionModel) -> Mask:
+    """Whether places (B, N) on markings are seen by cameras (B, P): beyond where a barrel lens folds back, markings far
+    aside of the picture seem to run through it.
+    """
+    places, _ = curve_points(curves, feet, cameras)
+    return project(cameras, places, model).visible
 
 
 def _points_on(points_px: Array, ends: Array, shifts: Array, group: Indices) -> CurvePoints:

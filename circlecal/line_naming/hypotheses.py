@@ -374,7 +374,7 @@ def _lie_on_extents(scene: NamingScene, associations: list[Association], state: 
         for s, name in association.names.items():
             start, end = scene.template.line_ends(scene.template.line_by_name[name])
             lengths[b, s] = np.linalg.norm(end - start)
-    return lie_on_extent(ends, lengths[..., None], np.zeros(1))
+    return lie_on_extent(ends, lengths[..., None])
 
 
 def _weigh_rivals(scene: NamingScene, trials: list[Trial], best: Trial) -> list[Trial]:

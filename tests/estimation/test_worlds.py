@@ -177,14 +177,22 @@ def test_lines_are_named_anew_once_whichever_noise_asks_for_it(asks_at_first, mo
     assert len(named) == 1
 
 
-@pytest.mark.parametrize(("nameless_px", "asks"), [(500.0, True), (100.0, False)])
-def test_names_of_few_points_weigh_nothing_against_long_lines_without_a_name(nameless_px, asks, monkeypatch):
+@pytest.mark.parametrize(
+    ("named_px", "nameless_px", "asks"),
+    [(200.0, 500.0, True), (200.0, 100.0, False), (600.0, 400.0, True), (600.0, 280.0, False)],
+)
+def test_names_of_few_points_weigh_nothing_against_long_lines_without_a_name(named_px, nameless_px, asks, monkeypatch):
     def line(name, count, length_px):
         return SimpleNamespace(
             line=name, points_px=np.column_stack([np.linspace(0.0, length_px, count), np.zeros(count)])
         )
 
-    lines = (line("halfway_line", 50, 400.0), line(None, 5, 40.0), line(None, 40, 200.0), line(None, 40, nameless_px))
+    lines = (
+        line("halfway_line", 50, 400.0),
+        line(None, 5, 40.0),
+        line(None, 40, named_px),
+        line(None, 40, nameless_px),
+    )
     task = SimpleNamespace(observations=SimpleNamespace(lines=lines, width=1280))
     usual = (
         SimpleNamespace(names={1: "side_line_top", 2: "big_rect_left_top"}),

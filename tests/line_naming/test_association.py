@@ -6,7 +6,7 @@ import pytest
 from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import INDEX, ProjectionModel, project, theta_of
 from circlecal.geometry.surface import Surface
-from circlecal.line_naming.association import Association, associate_lines, has_allowed_size
+from circlecal.line_naming.association import Association, _pairs, associate_lines, has_allowed_size
 from circlecal.synthetic.cameras import aim_camera
 
 SOCCER = load_field("soccer")
@@ -66,6 +66,20 @@ def test_a_penalty_area_may_lie_elsewhere_along_its_lines_where_the_length_is_un
     covariance[INDEX["length"], INDEX["length"]] = 8.0**2
     (best, *_) = associate_lines(segment, SOCCER, KNOWN, theta, covariance, MODEL, 1.5)
     assert best.names == {0: "big_rect_left_top"}
+
+
+def test_a_line_lies_on_its_marking_under_the_camera_that_it_implies_itself():
+    """Under an uncertain camera the far end of a penalty area's front seems to lie far beyond its corner."""
+    camera = aim_camera(np.array([-3.0, 62.0, -17.0]), np.array([-30.0, -6.0, 0.0]), 1500.0, 0.01, 1920, 1080)
+    segment, theta = segment_of("big_rect_left_main", camera)[None], theta_of(camera, MODEL)
+    covariance = covariance_of(theta, 0.02, 0.05, 4.0)
+    off = theta + 0.6 * np.sqrt(np.diag(covariance)) * np.random.default_rng(135).normal(size=len(theta))
+    drawn = [k for k, line in enumerate(SOCCER.lines) if line.name == "big_rect_left_main"]
+    ends, shifts = (geometry[drawn] for geometry in SOCCER.drawn_lines)
+    assert not _pairs(segment, ends, shifts, off, MODEL, np.zeros(1)).on_marking.any()
+    covariance[INDEX["length"], INDEX["length"]] = 8.0**2
+    found = associate_lines(segment, SOCCER, KNOWN, off, covariance, MODEL, 1.5)
+    assert [a.names for a in found] == [{0: "big_rect_left_main"}]
 
 
 def test_known_names_and_lines_elsewhere_are_not_given():

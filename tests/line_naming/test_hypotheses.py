@@ -102,3 +102,33 @@ def test_names_that_tell_different_sizes_of_the_field_are_rivals(told, apart_m, 
     red, front = trial(0, "side_line_right", -13.5, 290.0), trial(1, "big_rect_right_main", -13.5 + apart_m, 280.0)
     best = select_trial([red, front], 1280, np.array([8.66, 13.0]))
     assert best is (red if taken else None)
+
+
+def test_lines_lie_on_the_extents_of_their_markings_after_the_fit():
+    """A line of 30 m is no front of a goal area, 18.3 m long, whatever its direction."""
+    soccer = load_field("soccer")
+    names = ("small_rect_left_main", "big_rect_left_main")
+    associations = [Association({1: name}, 300.0, 0.0) for name in names]
+    feet = np.tile(np.concatenate([[7.0, 7.0], np.linspace(500.0, 600.0, 5), np.linspace(4.0, 34.0, 6)]), (2, 1))
+    scene = SimpleNamespace(line=np.repeat([0, 1], [5, 6]), template=soccer)
+    found = hypotheses._lie_on_extents(scene, associations, SimpleNamespace(feet=feet))
+    assert found.tolist() == [[True, False], [True, True]]
+
+
+@pytest.mark.parametrize(("scores", "grown"), [((900, 890, 880, 870, 860), 4), ((900, 500, 400, 300, 200), 2)])
+def test_all_hypotheses_near_the_best_one_are_grown(scores, grown):
+    """Of four that name one line each in another way the last led to all six lines of a rendered penalty area."""
+    asked = []
+    trials = [
+        Trial(Association({0: f"{k}"}, 300.0, 0.0), np.arange(2) == 0, 300.0, score, np.full(17, k), np.eye(17))
+        for k, score in enumerate(scores)
+    ]
+
+    def hypotheses_of(theta, normal, count):
+        asked.append(int(theta[0]))
+        return []
+
+    problem = SimpleNamespace(model=SimpleNamespace(width=1280))
+    scene = SimpleNamespace(problem=problem, segments=np.zeros((2, 2, 2)), hypotheses=hypotheses_of)
+    assert hypotheses.match_further_lines(scene, trials, 2) == trials
+    assert asked == list(range(grown))

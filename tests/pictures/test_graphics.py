@@ -47,6 +47,28 @@ def test_a_level_strip_of_the_field_between_two_lines_is_no_box():
     assert find_bands(image) == ()
 
 
+def with_boards(strip):
+    """The picture with boards down to row 59, and the ground before them down to row 77 in its own colour."""
+    image = field()
+    image[:60] = (150, 60, 40)
+    image[60:78] = strip
+    return image
+
+
+def test_the_ground_between_the_touchline_and_the_boards_is_no_box():
+    """It is the field in the shade; a box of any other colour there is one."""
+    assert find_bands(with_boards(0.7 * np.array(TURF))) == ()
+    (band,) = find_bands(with_boards((30, 60, 160)))
+    assert abs(band.bottom - 77) <= 3
+
+
+def test_a_green_box_in_the_middle_of_the_field_is_a_box():
+    """With the field on both of its sides."""
+    image = with_box(field(0.05))
+    image[203:241][(image[203:241] == BOX).all(axis=-1)] = np.rint(1.6 * np.array(TURF)).astype(np.uint8)
+    assert len(find_bands(image)) == 1
+
+
 def test_a_box_right_below_another_one_is_found_too():
     """Between the two is one edge, and the lower one ends on a crowd, where nothing steps along a row."""
     image = with_box(field(0.05))

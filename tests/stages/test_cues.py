@@ -14,7 +14,7 @@ from circlecal.paint.lines import measure_lines
 from circlecal.paint.other_paints import are_painted_otherwise, leave_out_other_paints
 from circlecal.paint.profiles import to_gray
 from circlecal.results import Cues, EllipseFits, LineCue, Segment
-from circlecal.stages.cues import CuesConfig, cues_from_observations, find_cues
+from circlecal.stages.cues import CuesConfig, _its_pieces, _line_cue, cues_from_observations, find_cues
 
 from .conftest import CIRCLE, SOCCER, fit_of, line_cue, paint, view
 
@@ -317,6 +317,20 @@ def test_a_line_that_goes_on_where_the_halfway_line_is_hidden_is_its_piece(turne
     cues = cues_in(painted, image=image, lines=(piece,))
     goes_on = cues.halfway.points_px[:, 1].max() > last[1] - 5.0
     assert (goes_on, len(cues.lines)) == ((False, 1) if turned else (True, 0))
+
+
+@pytest.mark.parametrize(("slope", "goes_on"), [(40.0, True), (0.02, False)])
+def test_a_piece_of_the_halfway_line_runs_in_its_direction(slope, goes_on):
+    """The line of a goal area far away, drawn out, meets what is seen of the halfway line inside the circle."""
+    halfway = Segment(np.array([1240.0, 660.0]), np.array([1241.0, 700.0]))
+    start = np.array([1239.0, 620.0]) if goes_on else np.array([20.0, 655.0])
+    other = Segment(start, start - np.array([1.0, slope]) * (1.0 if goes_on else 100.0))
+    lines = [
+        _line_cue(LinePoints(None, np.linspace(line.start, line.end, 20), np.full(20, 0.3)))
+        for line in (halfway, other)
+    ]
+    pieces, others = _its_pieces(lines[0], [lines[1]], 2 / 3)
+    assert (len(pieces), len(others)) == ((1, 0) if goes_on else (0, 1))
 
 
 def test_the_halfway_line_is_not_followed_off_the_playing_surface():
