@@ -15,7 +15,7 @@ import numpy as np
 
 from circlecal.camera.residuals import CurvePoints, curve_points, curve_residuals, ground_feet
 from circlecal.field import FieldTemplate
-from circlecal.geometry.camera_parameters import INDEX, ProjectionModel, project
+from circlecal.geometry.camera_parameters import INDEX, LOG_FOCAL, ProjectionModel, project
 from circlecal.geometry.projective import Array, Indices, Mask
 from circlecal.observations import MarkingKey
 
@@ -45,8 +45,10 @@ EXTENT_SLACK_SHARE, EXTENT_SLACK_M, EXTENT_SIGMAS = 0.15, 3.0, 2.0
 deviations of the field's sizes: an uncertain camera slides along a line, too, and a penalty area along and across its
 own lines.
 """
-UPDATES = 3
-"""Steps of a camera towards one line taken for one marking."""
+UPDATES, LARGEST_ZOOM = 3, 1.0
+"""Steps of a camera towards one line taken for one marking, and by how much they may change the logarithm of its focal
+length.
+"""
 ROUGHLY_BEYOND_RULES_M = 3.0
 """Metres by which names may make a field smaller or larger than the rules of its sport allow: a rough fit is a metre
 or two off.
@@ -221,6 +223,9 @@ def _lie_on_under_own(
         pushed = J @ covariance
         inverse = _inverse(pushed @ np.swapaxes(J, 1, 2) + own * np.eye(2), own)
         cameras = theta - (np.swapaxes(pushed, 1, 2) @ (inverse @ r[..., None]))[..., 0]
+        # no linear model reaches so far
+        is_near = np.isfinite(cameras).all(axis=1) & (np.abs(cameras - theta)[:, LOG_FOCAL] < LARGEST_ZOOM)
+        cameras = np.where(is_near[:, None], cameras, theta)
     feet = curve_residuals(curves, cameras, ground_feet(curves, cameras, model), model, updates=1).feet
     lengths = np.linalg.norm(ends[drawn, 1] - ends[drawn, 0], axis=-1)
     known = pushed[..., _SIZES]
@@ -228,7 +233,7 @@ def _lie_on_under_own(
     slide_m = EXTENT_SIGMAS * _slide_sd(shifts[drawn], sizes)
     on_extent = lie_on_extent(feet.reshape(K, K, 2)[each, each], lengths[:, None], slide_m[:, None])
     is_visible = _are_visible(curves, feet, cameras, model).reshape(K, K, 2)[each, each].all(axis=-1)
-    return np.asarray(on_extent & is_visible)
+    return np.asarray(on_extent & is_visible & is_near)
 
 
 def _are_visible(curves: CurvePoints, feet: Array, cameras: Array, model: ProjectionModel) -> Mask:
