@@ -130,9 +130,13 @@ def _is_strip_of_field(image: NDArray[np.uint8], box: Band) -> bool:
     if box.left > 0 or box.right < image.shape[1] - 1:
         return False
     usual, columns = _usual_colour(_inside_of(image, box)), slice(box.left, box.right + 1)
-    firsts = box.top - RIM_PX - OUTSIDE_PX, box.bottom + RIM_PX + 1
-    sides = [rows for first in firsts if (rows := _rows_outside(image, first, columns)) is not None]
-    return len(sides) == 2 and sum(bool(_are_alike(np.median(rows, axis=0), usual)) for rows in sides) == 1
+    sides = [
+        image[first : first + OUTSIDE_PX, columns].astype(np.float32)
+        for first in (box.top - RIM_PX - OUTSIDE_PX, box.bottom + RIM_PX + 1)
+        if 0 <= first <= len(image) - OUTSIDE_PX
+    ]
+    # place by place: a crowd of many colours is grey on the average
+    return len(sides) == 2 and sum(bool(_are_alike(side, usual).mean() > GROUND_SHARE) for side in sides) == 1
 
 
 def _has_hue(colour: NDArray[np.float64]) -> bool:

@@ -62,6 +62,16 @@ def test_the_ground_between_the_touchline_and_the_boards_is_no_box():
     assert abs(band.bottom - 77) <= 3
 
 
+def test_a_grey_box_under_a_crowd_is_a_box():
+    """The crowd is grey on the average, and each of its places has another colour."""
+    image = field()
+    image[:100] = np.random.default_rng(4).integers(0, 180, (100, 640, 3))
+    image[100:140] = 60
+    image[100:103] = 245
+    (band,) = find_bands(image)
+    assert abs(band.bottom - 139) <= 3
+
+
 def test_a_green_box_in_the_middle_of_the_field_is_a_box():
     """With the field on both of its sides."""
     image = with_box(field(0.05))
