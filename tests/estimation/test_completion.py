@@ -14,14 +14,14 @@ HEAD, TRUE = (LineEnd(np.array([640.0, y]), crossed=True) for y in (80.0, 640.0)
 ONE, THREE = {1: "side_line_bottom"}, {1: "side_line_bottom", 2: "big_rect_left_main", 3: "side_line_left"}
 
 
-@pytest.mark.parametrize(
-    ("strain", "alone", "names"), [(18.0, THREE, THREE), (2.0, THREE, ONE), (18.0, {1: "side_line_top"}, ONE)]
-)
-def test_an_end_that_strains_the_other_is_none_where_more_is_named_without_it(strain, alone, names, monkeypatch):
-    """A player's head before a board was taken for the halfway line's end."""
+FOUR = THREE | {4: "small_rect_left_main"}
+
+
+def recognise(monkeypatch, ends, name, strain=0.0):
+    """What is named of four nameless lines beside a halfway line with these ends by a function of their rows."""
     points = np.stack([np.full(60, 640.0), np.linspace(100.0, 640.0, 60)], axis=-1)
-    lines = [LinePoints("halfway_line", points, np.ones(60), (HEAD, TRUE))]
-    lines += [LinePoints(None, points, np.ones(60))] * 3
+    lines = [LinePoints("halfway_line", points, np.ones(60), ends)]
+    lines += [LinePoints(None, points, np.ones(60))] * 4
     observations = Observations(1280, 720, (), tuple(lines))
 
     def add_line_ends(problem, state, observations, template):
@@ -31,8 +31,7 @@ def test_an_end_that_strains_the_other_is_none_where_more_is_named_without_it(st
         return problem, fitted, tuple(points)
 
     def name_lines(problem, state, observations, template, noise, ends=()):
-        places = [float(end.points_px[0, 1]) for end in ends]
-        return Naming(alone if places == [640.0] else ONE, np.array([float(len(ends))]))
+        return Naming(name([float(end.points_px[0, 1]) for end in ends]), np.array([float(len(ends))]))
 
     monkeypatch.setattr(module, "add_line_ends", add_line_ends)
     monkeypatch.setattr(module, "name_lines", name_lines)
@@ -44,9 +43,24 @@ def test_an_end_that_strains_the_other_is_none_where_more_is_named_without_it(st
     fit = SimpleNamespace(problem=SimpleNamespace(), state=SimpleNamespace(cost=np.array([24.0])))
     found = module.recognise(cast("Any", task), cast("Any", None), cast("Any", fit))
     assert found is not None
-    assert found.names == names
-    ends = [line for line in cast("Any", found.problem).curves if len(line.points_px) == 1]
-    assert [float(end.points_px[0, 1]) for end in ends] == ([640.0] if names == THREE else [80.0, 640.0])
+    kept = [line for line in cast("Any", found.problem).curves if len(line.points_px) == 1]
+    return found.names, [float(end.points_px[0, 1]) for end in kept]
+
+
+@pytest.mark.parametrize(
+    ("strain", "alone", "names"), [(18.0, THREE, THREE), (2.0, THREE, ONE), (18.0, {1: "side_line_top"}, ONE)]
+)
+def test_an_end_that_strains_the_other_is_none_where_more_is_named_without_it(strain, alone, names, monkeypatch):
+    """A player's head before a board was taken for the halfway line's end."""
+    found = recognise(monkeypatch, (HEAD, TRUE), lambda rows: alone if rows == [640.0] else ONE, strain)
+    assert found == (names, [640.0] if names == THREE else [80.0, 640.0])
+
+
+@pytest.mark.parametrize(("without", "overrules"), [(FOUR, True), (THREE, False)])
+def test_a_whole_structure_of_lines_overrules_an_end_with_which_one_line_has_a_name(without, overrules, monkeypatch):
+    """All six lines around a rendered penalty area had names without the end of the halfway line, one with it."""
+    found = recognise(monkeypatch, (HEAD,), lambda rows: ONE if rows else without)
+    assert found == ((FOUR, []) if overrules else (ONE, [80.0]))
 
 
 def _replace(given, new):
