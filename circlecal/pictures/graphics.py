@@ -120,14 +120,16 @@ def _find_boxes(image: NDArray[np.uint8], edges: list[Band], light_edges: list[B
             above = [edge for edge in edges if edge.top < box.top]
             taken = (other.bottom + 1 for other in found if other.top < box.top)
             found.append(replace(box, top=max([_uppermost(above, box.top, height), *taken])))
-    return [box for box in found if not (_is_field_beside(image, box, found) or _is_strip_of_field(image, box))]
+    return [box for box in found if not (_is_field_beside(image, box, found) or _is_strip_of_field(image, box, found))]
 
 
-def _is_strip_of_field(image: NDArray[np.uint8], box: Band) -> bool:
-    """Whether what was taken for a box runs across the whole picture and has the colour, lighter or darker, of what
-    lies on one side of it alone: the ground between a level touchline and the boards, in the shade or mown otherwise.
+def _is_strip_of_field(image: NDArray[np.uint8], box: Band, found: list[Band]) -> bool:
+    """Whether what was taken for a box runs across the whole picture beside no other box and has the colour, lighter or
+    darker, of what lies on one side of it alone: the ground between a level touchline and the boards, in the shade or
+    mown otherwise.
     """
-    if box.left > 0 or box.right < image.shape[1] - 1:
+    is_whole = box.left <= 0 and box.right >= image.shape[1] - 1
+    if not is_whole or _is_beside(box, [other for other in found if other is not box]):
         return False
     usual, columns = _usual_colour(_inside_of(image, box)), slice(box.left, box.right + 1)
     sides = [

@@ -72,6 +72,13 @@ def test_a_grey_box_under_a_crowd_is_a_box():
     assert abs(band.bottom - 139) <= 3
 
 
+def test_two_boxes_in_two_shades_of_one_colour_are_boxes():
+    """Grey ones, whose colour has no hue."""
+    image = field(0.05)
+    image[160:200], image[200:240] = 50, 90
+    assert len(find_bands(image)) == 2
+
+
 def test_a_green_box_in_the_middle_of_the_field_is_a_box():
     """With the field on both of its sides."""
     image = with_box(field(0.05))
