@@ -61,9 +61,10 @@ WHOLE_SHARE = 0.9
 """Share of a row's blocks that step, from which on it is a seam however plain one side is: the roof of a stand is as
 plain as a caption, but beside the half of a picture it has one edge only.
 """
-ALONE_SHARE = 0.5
+ALONE_SHARE, CAPTION_SHARE = 0.5, 0.3
 """A seam stands out so much that no other row has more than this share of its steps: a caption has two edges, and
-interlaced or scaled pictures step in many rows.
+interlaced or scaled pictures step in many rows. Steps near the picture's border count, too, where a caption may begin
+that is so high, or wide, as a share of the picture.
 """
 
 
@@ -191,22 +192,24 @@ def _worst_seam(rows: NDArray[np.uint8], covered: Mask | None) -> float:
     graphics cover (N, K), where what is seen does not go on.
     """
     first = int(MARGIN * len(rows))
-    rows = np.ascontiguousarray(rows[first : len(rows) - first])
-    if len(rows) < 4 or rows.shape[1] < STEP_BLOCKS:
+    if len(rows) - 2 * first < 4 or rows.shape[1] < STEP_BLOCKS:
         return 0.0
+    rows = np.ascontiguousarray(rows)
     rise = np.asarray(cv2.absdiff(rows[1:], rows[:-1]), np.uint8)
     # bytes that are full are full on either side: no rise stands out above the highest level
     usual = cv2.convertScaleAbs(np.maximum(rise[:-2], rise[2:]), alpha=STEP_TIMES, beta=STEP_LEVELS)
     stands_out = rise[1:-1] > usual
     if covered is not None:
-        inner = covered[first : len(covered) - first]
-        stands_out &= ~(inner[1:-2] | inner[2:-1])
+        stands_out &= ~(covered[1:-2] | covered[2:-1])
     starts = np.arange(STEP_BLOCKS) * rows.shape[1] // STEP_BLOCKS
     size = np.diff(np.append(starts, rows.shape[1]))
     steps = np.add.reduceat(stands_out, starts, axis=1, dtype=np.int32) > STEP_SHARE * size
     share = steps.mean(axis=1)
-    worst = int(np.argmax(share))
-    others = np.delete(share, np.s_[max(worst - 1, 0) : worst + 2])
+    inner = np.zeros(len(share), np.bool_)
+    inner[first : len(rows) - first - 3] = True
+    worst = int(np.argmax(np.where(inner, share, -1.0)))
+    off = np.abs(np.arange(len(share)) - worst)
+    others = share[(off > 1) & (inner | (off < CAPTION_SHARE * len(rows)))]
     if others.max(initial=0.0) > ALONE_SHARE * share[worst]:
         return 0.0
     around = rows[worst : worst + 4].astype(np.float64)

@@ -146,6 +146,16 @@ def test_a_bar_and_a_caption_are_no_seam():
         assert measure_surroundings(seen, mask_of(None), fit_of(CAMERA), SOCCER).seam_share < 0.3
 
 
+@pytest.mark.parametrize(("top", "is_seam"), [(0.15, False), (0.0, True)])
+def test_a_caption_that_begins_near_the_border_is_no_seam(top, is_seam):
+    """Its other edge is; what reaches to the border has one edge only, as half of a picture has."""
+    seen = picture()
+    rows = slice(round(top * SIZE[0]), round(0.27 * SIZE[0]))
+    seen[rows] = np.clip(np.random.default_rng(5).normal(190.0, 6.0, seen[rows].shape), 0.0, 255.0).astype(np.uint8)
+    found = measure_surroundings(seen, mask_of(None), fit_of(CAMERA), SOCCER)
+    assert (found.seam_share > 0.4) == is_seam
+
+
 def test_without_a_surface_only_seams_are_looked_for():
     found = measure_surroundings(picture(), mask_of(None), fit_of(CAMERA), SOCCER)
     assert found == Surroundings(0.0, 0.0, 0.0, 0.0, found.seam_share)
