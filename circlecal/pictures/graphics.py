@@ -146,7 +146,7 @@ def _has_hue(colour: NDArray[np.float64]) -> bool:
     return bool(colour.sum() < MOST_GREY * np.sqrt(3.0) * np.linalg.norm(colour))
 
 
-def _are_alike(values: Array, colour: NDArray[np.float64]) -> Mask:
+def _are_alike(values: NDArray[np.floating], colour: NDArray[np.float64]) -> Mask:
     """Which colours (..., 3) are one colour (3,), lighter or darker."""
     along = values @ (colour / np.linalg.norm(colour))
     return np.asarray(along > LEAST_ALIKE * np.linalg.norm(values, axis=-1))
