@@ -57,17 +57,19 @@ class UsualSize:
     ----------
     is_usual : (bool, bool)
         Whether the length, and whether the width, is the template's.
-    most_cost : float
-        By how much more it may cost than a pitch of any size.
+    most_cost, rough_cost : float
+        By how much more it may cost than a pitch of any size; and by how much where the models leave more than noise,
+        beside how far markings are off alike.
     """
 
     is_usual: tuple[bool, bool]
     most_cost: float
+    rough_cost: float
 
 
 USUAL_SIZES = (
-    UsualSize((True, True), 11.0),
-    UsualSize((False, True), 1.0),
+    UsualSize((True, True), 11.0, 15.0),
+    UsualSize((False, True), 1.0, 1.0),
 )
 """Sizes in the order in which they are tried. What each may cost is what the prior has for it, twice the logarithm,
 less that of hundred to one. Of professional pitches five in six have the template's size; of the others every second is
@@ -77,10 +79,11 @@ alone is not held.
 
 Where the models leave more than noise, as on all real clips, all frames repeat it, over whole markings, and the cost
 counts by how far markings are off alike: divided by 8 to 180. So divided, six real pitches cost 0.4 to 4.6 at the
-template's size, ideal ones with painters' errors 1.4 to 9.5, and others, whose paint lies beside it, 12 (104.2 by
-68.2 m), 21 (103.5 m long), 21 (66.4 m wide) and some hundred (100 and 101.5 m); at the template's width those of them
-that are 68 m wide 0.0 to 0.2. One of 106.6 by 67.2 m costs 3, and is told by a frame that the template's size does not
-explain.
+template's size, ideal ones with painters' errors 1.4 to 9.5, one seen from behind its goal 12, and others, whose paint
+lies beside it, 21 (103.5 m long), 21 (66.4 m wide) and some hundred (100 and 101.5 m); at the template's width those of
+them that are 68 m wide 0.0 to 0.2. The one from behind its goal comes out as 104.2 by 68.3 m, and the template's size
+explains its paint as well (74 of 74 frames either way). One of 106.6 by 67.2 m costs 3, and is told by a frame that the
+template's size does not explain.
 """
 EXCESS_LEFT = 0.65
 """Share of the mean square distance beyond noise that may be left without a far line round the field which is a false
@@ -132,7 +135,8 @@ def choose_pitch(
         more_cost = fixed.cost - free.cost
         # a frame that contradicts the size is no false calibration
         loses = (fixed.clear_rms_px > limit_px) & (free.clear_rms_px <= limit_px)
-        if more_cost < hypothesis.most_cost or (more_cost < hypothesis.most_cost * spread and not loses.any()):
+        is_near = spread > 1.0 and more_cost < hypothesis.rough_cost * spread
+        if more_cost < hypothesis.most_cost or (is_near and not loses.any()):
             return fixed
     return free
 

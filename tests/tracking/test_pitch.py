@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -236,3 +237,29 @@ def test_a_penalty_area_that_comes_into_view_tells_a_length_that_was_open() -> N
     assert abs(found.mean[length]) <= pitch.LENGTH_STEP_M / 2.0
     wrong.covariance[length, length] = 0.1**2
     assert pitch.search_length(wrong, members, looked_at, template()) is None
+
+
+@pytest.mark.parametrize(
+    ("is_rough", "costs", "is_held"),
+    [(False, 10.0, True), (False, 12.0, False), (True, 12.0, True), (True, 21.0, False)],
+)
+def test_a_size_is_held_where_another_one_explains_little_more_beside_what_the_models_leave(
+    is_rough, costs, is_held, monkeypatch
+):
+    """From behind a goal 104.2 m cost 12 less than 105 m so counted, and the paint lay as well on either's markings."""
+    spread = 8.0 if is_rough else 1.0
+
+    def fit_of(cost):
+        estimate = SimpleNamespace(covariance=1e-4 * np.eye(len(PLACE)))
+        return SimpleNamespace(estimate=estimate, cost=cost, spread=spread, clear_rms_px=np.zeros(2))
+
+    free, fixed = fit_of(100.0), fit_of(100.0 + spread * costs)
+    monkeypatch.setattr(pitch, "leave_out_false_line", lambda frames, *given: (frames, [free, free]))
+    monkeypatch.setattr(pitch, "count_alike", lambda fit: 2.0 if is_rough else 1.0)
+    monkeypatch.setattr(
+        pitch, "fit_tripod", lambda frames, start, mean, sd, *given, **more: fixed if sd.min() == 0.0 else free
+    )
+    found = pitch.choose_pitch(
+        [], tripod(), np.zeros(len(PLACE)), np.ones(len(PLACE)), template_curves(template()), LIMIT_PX
+    )
+    assert (found is fixed) is is_held
