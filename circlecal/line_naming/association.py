@@ -213,15 +213,14 @@ def _lie_on_under_own(
     """
     theta, covariance, model = camera
     seen, drawn = pairs.T
-    K, own, each = len(pairs), 0.5 * sigma_px**2, np.arange(len(pairs))
+    K, each = len(pairs), np.arange(len(pairs))
     curves = _points_on(segments[seen].reshape(-1, 2), ends[drawn], shifts[drawn], np.repeat(each, 2))
     cameras = np.repeat(theta[None], K, axis=0)
     for _ in range(UPDATES):
         fit = curve_residuals(curves, cameras, ground_feet(curves, cameras, model), model, updates=1)
         J = fit.jacobian.reshape(K, K, 2, -1)[each, each]
         r = fit.values.reshape(K, K, 2)[each, each] - (J @ (cameras - theta)[..., None])[..., 0]
-        pushed = J @ covariance
-        inverse = _inverse(pushed @ np.swapaxes(J, 1, 2) + own * np.eye(2), own)
+        pushed, inverse = _push(J, covariance, sigma_px)
         cameras = theta - (np.swapaxes(pushed, 1, 2) @ (inverse @ r[..., None]))[..., 0]
         # no linear model reaches so far
         is_near = np.isfinite(cameras).all(axis=1) & (np.abs(cameras - theta)[:, LOG_FOCAL] < LARGEST_ZOOM)
@@ -298,6 +297,14 @@ def _size_sd(jacobians: Array, covariances: Array) -> Array:
     return np.asarray(np.sqrt(np.maximum(0.5 * variance, 0.0)))
 
 
+def _push(jacobians: Array, covariances: Array, sigma_px: float) -> tuple[Array, Array]:
+    """What a Kalman update by both ends of K seen lines needs: their Jacobians (K, 2, P) times covariances (P, P), or
+    (K, P, P), and the inverses (K, 2, 2) of the covariances of their residuals.
+    """
+    pushed, own = jacobians @ covariances, 0.5 * sigma_px**2
+    return pushed, _inverse(pushed @ np.swapaxes(jacobians, 1, 2) + own * np.eye(2), own)
+
+
 def _inverse(matrices: Array, own: float) -> Array:
     """Inverses (K, 2, 2) of symmetric matrices that are no smaller than ``own`` times the unit matrix."""
     (a, b), (_, d) = np.moveaxis(matrices, 0, -1)
@@ -322,9 +329,7 @@ def _grow(
     while len(rows):
         chosen[rows, s] = t
         J, r = pairs.jacobians[s, t], residuals[rows, s, t]
-        pushed = J @ spread[rows]
-        own = 0.5 * sigma_px**2
-        inverse = _inverse(pushed @ np.swapaxes(J, 1, 2) + own * np.eye(2), own)
+        pushed, inverse = _push(J, spread[rows], sigma_px)
         gain = inverse @ pushed
         total[rows] += (r * (inverse @ r[..., None])[..., 0]).sum(axis=1)
         step = -(np.swapaxes(gain, 1, 2) @ r[..., None])[..., 0]

@@ -212,7 +212,7 @@ def match_further_lines(scene: NamingScene, trials: list[Trial], count: int) -> 
     """
     trials = list(trials)
     ranked = sorted(range(len(trials)), key=lambda k: -trials[k].score)
-    near_px = trials[ranked[0]].score - MARGIN_WIDTHS * scene.problem.model.width
+    near_px = _least_near(scene, trials[ranked[0]])
     growing = [k for i, k in enumerate(ranked[: max(count, MOST_GROWING)]) if i < count or trials[k].score > near_px]
     for _ in range(ROUNDS - 1):
         growing = [k for k in growing if len(trials[k].association.names) < len(scene.segments)]
@@ -225,6 +225,11 @@ def match_further_lines(scene: NamingScene, trials: list[Trial], count: int) -> 
         for k, trial in zip(growing, try_names(scene, list(more.values()), starts), strict=True):
             trials[k] = trial
     return trials
+
+
+def _least_near(scene: NamingScene, best: Trial) -> float:
+    """Score, pixels, from which on another hypothesis comes near the best one."""
+    return best.score - MARGIN_WIDTHS * scene.problem.model.width
 
 
 def _try_longest(scene: NamingScene, hypotheses: list[Association], start: Array) -> list[Trial]:
@@ -384,7 +389,7 @@ def _weigh_rivals(scene: NamingScene, trials: list[Trial], best: Trial) -> list[
     Painted three centimetres beside the halfway line a circle left the true touchline of a rendered hall 78 units of
     chi-square, and 15 with painters' errors, where a streak of light beside it had 11 and 6.
     """
-    near_px = best.score - MARGIN_WIDTHS * scene.problem.model.width
+    near_px = _least_near(scene, best)
     close = {
         k
         for k, trial in enumerate(trials)
