@@ -9,7 +9,7 @@ from circlecal import overlay
 from circlecal.field import load_field
 from circlecal.field.view import FieldView
 from circlecal.geometry.camera import Camera, PlaneCamera, image_center
-from circlecal.geometry.camera_parameters import PARAMETERS, ProjectionModel, theta_of
+from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel, theta_of
 from circlecal.geometry.conics import circle_conic, polar, transform_conic
 from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.homography import turn_homography
@@ -20,6 +20,7 @@ from circlecal.overlay.canvas import Canvas, clip_segments, text_size, wrap
 from circlecal.overlay.frame_overlay import legend_of
 from circlecal.overlay.palette import CIRCLE, TEMPLATE
 from circlecal.overlay.quality import SCALE, rate_sigma
+from circlecal.overlay.template_lines import count_sigma_from_seen, sigma_over_picture
 from circlecal.results import (
     Attempt,
     CameraFit,
@@ -313,14 +314,53 @@ def test_words_for_sigma_follow_the_width():
 
 def test_the_legend_names_what_is_drawn_and_nothing_else(complete):
     _, calibration = complete
-    full = [words for words, _ in legend_of(calibration)]
-    assert full == ["circle", "other markings", "points that were used", "derived points", "tangents"]
+    full = [words for words, _ in legend_of(calibration, SOCCER)]
+    assert full == ["circle", "other markings", "points that were used", "derived points (labelled)", "tangents"]
     without = _with(calibration, correspondences=None)
-    assert [words for words, _ in legend_of(without)] == full[:3]
-    refused = legend_of(_with(calibration, verdict=REFUSED))
+    assert [words for words, _ in legend_of(without, SOCCER)] == full[:3]
+    refused = legend_of(_with(calibration, verdict=REFUSED), SOCCER)
     assert refused[0][0] == "estimate that was refused (dashed)"
     nothing = replace(calibration, attempt=Attempt(verdict=REFUSED))
-    assert legend_of(nothing) == []
+    assert legend_of(nothing, SOCCER) == []
+    turned = replace(_camera(), angles_rad=_camera().angles_rad + np.array([0.75, 0.0, 0.0]))
+    goal = _with(calibration, camera=replace(calibration.attempt.camera, camera=turned))
+    assert legend_of(goal, SOCCER)[0][0] == "markings"
+
+
+def test_debug_pictures_explain_no_colour_that_they_do_not_show(complete, monkeypatch):
+    image, calibration = complete
+    told = {}
+
+    def header(canvas, title, facts=(), legend=()):
+        told[title] = dict(legend)
+        return canvas.picture
+
+    monkeypatch.setattr(Canvas, "header", header)
+    attempt = calibration.attempt
+    overlay.stage_pictures(image, calibration, SOCCER)
+    assert {"circle", "other classes", "rough circle", "candidates (dashed)"} <= told["1 mask"].keys()
+    assert {"centre mark", "halfway line"} <= told["5 cues"].keys()
+    assert "lines seen without a name" in told["8 camera"]
+    bare = replace(attempt.mask, drawn=0 * attempt.mask.classes, conic=None, halfway=None, candidates=())
+    recognised = replace(attempt.camera, names_by_line={1: "side_line_top"})
+    overlay.stage_pictures(
+        image, _with(calibration, mask=bare, cues=replace(attempt.cues, mark=None), camera=recognised), SOCCER
+    )
+    assert told["1 mask"].keys() == {"other lines"}
+    assert told["5 cues"].keys() == {"halfway line", "further lines"}
+    assert "lines seen without a name" not in told["8 camera"]
+
+
+def test_sigma_that_counts_from_what_was_seen_leaves_the_length_of_the_field_out(complete):
+    view = complete[1].view
+    x, length = INDEX["x"], INDEX["length"]
+    covariance = np.zeros((len(PARAMETERS), len(PARAMETERS)))
+    covariance[np.ix_([x, length], [x, length])] = [[1.0, 2.0], [2.0, 4.0]]  # the camera moves as half the length does
+    unsure = replace(view, covariance=covariance)
+    from_seen = count_sigma_from_seen(unsure, (0.5, 0.0))
+    assert np.nanmin(sigma_over_picture(unsure, SOCCER)) > 5.0
+    assert np.nanmax(sigma_over_picture(from_seen, SOCCER)) < 1e-6
+    assert sigma_over_picture(count_sigma_from_seen(replace(view, covariance=None), (0.5, 0.0)), SOCCER) is None
 
 
 @pytest.mark.parametrize("size", [(398, 224), (640, 360), (2560, 1440), (360, 640), (900, 200), (64, 48), (1, 1)])
@@ -334,7 +374,7 @@ def test_every_size_of_picture(size):
         zoom = max(1, -(-1280 // size[0]))
         assert readable.shape[1] == zoom * size[0] >= 1280
         strip = readable[zoom * size[1] :]
-        for _, colour in legend_of(calibration):  # the strip below explains every colour
+        for _, colour in legend_of(calibration, SOCCER):  # the strip below explains every colour
             assert (strip == colour).all(axis=2).sum() > 50
         assert all(picture.shape[1] >= 640 for picture in pictures.values())
         assert all(picture.shape[0] < 2.5 * picture.shape[1] for picture in pictures.values())

@@ -124,7 +124,7 @@ class Calibration:
 
     @property
     def near_limits(self) -> list[str]:
-        """Checks of the verdict that only just passed or failed, as ``sigma_px 5.62 of 6``."""
+        """Checks on which the verdict hangs, which only just passed or failed, as ``sigma_px 5.62 of 6``."""
         return self._record.near_limits
 
     @property

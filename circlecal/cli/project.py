@@ -9,12 +9,15 @@ import math
 import sys
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from circlecal.cli import options
 from circlecal.names import as_cell
+
+if TYPE_CHECKING:
+    from circlecal.records.record import ResultRecord
 
 
 class Target(StrEnum):
@@ -59,6 +62,7 @@ def project(
         raise typer.Exit(1)
     given = list(zip(coordinates[::2], coordinates[1::2], strict=True))
     mapped = (view.to_field if to is Target.FIELD else view.project)(given, sigma=True)
+    _note_open_size(stored)
     sigma = [None] * len(given) if mapped.sigma is None else mapped.sigma.tolist()
     unit, given_unit = ("m", "px") if to is Target.FIELD else ("px", "m")
     missing = "on or above the horizon" if to is Target.FIELD else "behind the camera"
@@ -79,6 +83,24 @@ def project(
     ]
     columns = (f"x {given_unit}", f"y {given_unit}", f"x {unit}", f"y {unit}", f"sigma {unit}", "")
     console.print_table(None, columns, rows)
+
+
+def _note_open_size(stored: ResultRecord) -> None:
+    """Say of a frame without the circle that its points lie as far from the centre mark as the field is long."""
+    from circlecal.cli import console
+    from circlecal.results.numbers import show_with_sigma
+
+    camera = stored.camera
+    size = None if camera is None else camera.field_size
+    if camera is None or size is None or not any(camera.reference_by_growth or ()):
+        return
+    length, width = (
+        show_with_sigma(m, sd) for m, sd in ((size.length_m, size.length_sd_m), (size.width_m, size.width_sd_m))
+    )
+    console.print_note(
+        f"{stored.id}: the circle is not in view; sigma counts from the centre mark, which is known as well as the "
+        f"field is long and wide: {length} x {width} m"
+    )
 
 
 def _finite(value: float | None) -> float | None:

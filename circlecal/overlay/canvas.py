@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import cv2
@@ -64,6 +64,11 @@ def printable(text: str) -> str:
 
 def _weight(height: float) -> int:
     return max(1, round(height / 11.0))
+
+
+def filter_legend(legend: Iterable[tuple[str, Color, bool]]) -> list[tuple[str, Color]]:
+    """Words and colours of a legend, without those of which the picture, as each entry says, shows nothing."""
+    return [(words, color) for words, color, is_shown in legend if is_shown]
 
 
 @dataclass(slots=True)

@@ -10,8 +10,14 @@ from circlecal.field import FieldTemplate
 from circlecal.field.view import FieldView
 from circlecal.geometry.camera import PlaneCamera
 from circlecal.geometry.projective import Array, dehomogenise, normalise_line
-from circlecal.overlay.canvas import Canvas, Picture, text_size
-from circlecal.overlay.frame_overlay import draw_correspondences, name_of, verdict_facts, verdict_reasons
+from circlecal.overlay.canvas import Canvas, Picture, filter_legend, text_size
+from circlecal.overlay.frame_overlay import (
+    draw_correspondences,
+    legend_of_template,
+    name_of,
+    verdict_facts,
+    verdict_reasons,
+)
 from circlecal.overlay.palette import (
     ACCEPTED,
     CIRCLE,
@@ -22,10 +28,9 @@ from circlecal.overlay.palette import (
     REFUSED,
     SKY,
     TANGENT,
-    TEMPLATE,
     WHITE,
 )
-from circlecal.overlay.template_lines import draw_template, sigma_over_picture
+from circlecal.overlay.template_lines import count_sigma_from_seen, draw_template, sigma_over_picture
 from circlecal.results import CameraFit, Check, Correspondences, FrameCalibration, HomographyFit
 
 _DIM = 0.55
@@ -46,8 +51,15 @@ def correspondences_picture(image: Picture, found: Correspondences, zoom: int) -
         f"{found.center_source.replace('_', ' ')}; {len(found.points)} points, {len(found.tangents)} tangents; "
         f"circle of {found.radius_m:.3f} m"
     ]
-    legend = [("ellipse, centre", CIRCLE), ("points", POINT), ("tangents", TANGENT), ("vanishing line (dashed)", GREEN)]
-    return canvas.header("6 correspondences", facts, legend)
+    corners = np.array([[0, 0, 1], [image.shape[1], 0, 1], [0, image.shape[0], 1], [image.shape[1], image.shape[0], 1]])
+    sides = np.sign(corners @ found.vanishing_line)
+    legend = [
+        ("ellipse, centre", CIRCLE, True),
+        ("points", POINT, len(found.points) > 0),
+        ("tangents", TANGENT, len(found.tangents) > 0),
+        ("vanishing line (dashed)", GREEN, bool(sides.min() < sides.max())),
+    ]
+    return canvas.header("6 correspondences", facts, filter_legend(legend))
 
 
 def homography_picture(
@@ -66,8 +78,9 @@ def homography_picture(
         f"DLT on points and lines: largest residual {worst:.3g} px, condition {fit.condition:.3g}, "
         f"null ratio {fit.null_ratio:.2g}"
     ]
-    legend = [("circle", CIRCLE), ("template", TEMPLATE), ("derived points", POINT), ("the same through H", WHITE)]
-    return canvas.header("7 homography", facts, legend)
+    has_points = found is not None and len(found.points) > 0
+    points = [("derived points", POINT, has_points), ("these through H (white)", WHITE, has_points)]
+    return canvas.header("7 homography", facts, legend_of_template(view, template, circle) + filter_legend(points))
 
 
 def camera_picture(
@@ -75,19 +88,22 @@ def camera_picture(
 ) -> Picture:
     """Template through the camera, over a heat map of the predicted standard deviation, with what was observed."""
     canvas = Canvas.of(image, _DIM, zoom)
-    sigma = sigma_over_picture(fit.view, template)
+    sigma = sigma_over_picture(count_sigma_from_seen(fit.view, fit.reference_by_growth), template)
     low_high = None if sigma is None else _draw_heat(canvas, sigma)
     seen = calibration.attempt.observations
     for circle in seen.circles if seen is not None else ():
         canvas.points(circle.points_px, INLIER, 2.2)
-    for line in seen.lines if seen is not None else ():
-        canvas.points(line.points_px, INLIER if line.line is not None else GREY, 2.2)
+    unnamed = [] if seen is None else [k for k, line in enumerate(seen.lines) if line.line is None]
+    unnamed = [k for k in unnamed if k not in fit.names_by_line]
+    for k, line in enumerate(seen.lines) if seen is not None else ():
+        canvas.points(line.points_px, GREY if k in unnamed else INLIER, 2.2)
     draw_template(canvas, fit.view, template, calibration.circle_name)
     for mark in seen.marks if seen is not None else ():
         canvas.cross(mark.point_px, INLIER, 26.0)
     if low_high is not None:
         _draw_scale(canvas, *low_high)
-    legend = [("circle", CIRCLE), ("template", TEMPLATE), ("observations", INLIER), ("lines seen without a name", GREY)]
+    rest = [("observations", INLIER, seen is not None), ("lines seen without a name", GREY, bool(unnamed))]
+    legend = legend_of_template(fit.view, template, calibration.circle_name) + filter_legend(rest)
     return canvas.header("8 camera", _camera_facts(fit), legend)
 
 

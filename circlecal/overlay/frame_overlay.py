@@ -9,7 +9,7 @@ from circlecal.field.view import FieldView
 from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.projective import Array, dehomogenise, lift, normalise_line
 from circlecal.observations import MarkingKey
-from circlecal.overlay.canvas import Canvas, Picture, text_size, wrap
+from circlecal.overlay.canvas import Canvas, Picture, filter_legend, text_size, wrap
 from circlecal.overlay.palette import ACCEPTED, CIRCLE, GREY, INLIER, POINT, REFUSED, TANGENT, TEMPLATE, WHITE, Color
 from circlecal.overlay.quality import SCALE, USUAL_WIDTH, rate_sigma
 from circlecal.overlay.template_lines import draw_template
@@ -42,7 +42,7 @@ def draw_readable_overlay(image_bgr: Picture, calibration: FrameCalibration, tem
         word = rate_sigma(camera.max_sigma_px, calibration.width)
         at_usual = camera.max_sigma_px * USUAL_WIDTH / calibration.width
         facts = [f"sigma {_short(at_usual)} px at 1920 px width is {word}: {SCALE}"]
-    return canvas.footer(facts, legend_of(calibration))
+    return canvas.footer(facts, legend_of(calibration, template))
 
 
 def draw_overlay(image_bgr: Picture, calibration: FrameCalibration, template: FieldTemplate) -> Picture:
@@ -91,7 +91,7 @@ def _draw_on(canvas: Canvas, calibration: FrameCalibration, template: FieldTempl
     return canvas
 
 
-def legend_of(calibration: FrameCalibration) -> list[tuple[str, Color]]:
+def legend_of(calibration: FrameCalibration, template: FieldTemplate) -> list[tuple[str, Color]]:
     """Words and colours of what the overlay of a frame shows; nothing that it does not show."""
     attempt = calibration.attempt
     fits = [] if attempt.ellipses is None else attempt.ellipses.all()
@@ -100,16 +100,23 @@ def legend_of(calibration: FrameCalibration) -> list[tuple[str, Color]]:
     if calibration.view is None:
         field = _legend_without_homography(attempt)
     elif calibration.status == "calibrated":
-        field = [("circle", CIRCLE), ("other markings", TEMPLATE)]
+        field = legend_of_template(calibration.view, template, calibration.circle_name)
     else:
         field = [("estimate that was refused (dashed)", REFUSED)]
     rest = [
         ("points that were used", INLIER, bool(fits) or stands_in),
-        ("derived points", POINT, found is not None and len(found.points) > 0),
+        ("derived points (labelled)", POINT, found is not None and len(found.points) > 0),
         ("tangents", TANGENT, found is not None and len(found.tangents) > 0),
         ("seen, not used", GREY, stands_in),
     ]
-    return field + [(words, color) for words, color, is_shown in rest if is_shown]
+    return field + filter_legend(rest)
+
+
+def legend_of_template(view: FieldView, template: FieldTemplate, circle: str) -> list[tuple[str, Color]]:
+    """Words and colours of the template's markings, where the picture shows a part of them."""
+    drawn = {name for name, line in view.markings(template).items() if view.shows(view.project(line)).any()}
+    others = "other markings" if circle in drawn else "markings"
+    return filter_legend([("circle", CIRCLE, circle in drawn), (others, TEMPLATE, bool(drawn - {circle}))])
 
 
 def _legend_without_homography(attempt: Attempt) -> list[tuple[str, Color]]:

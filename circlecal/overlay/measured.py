@@ -7,7 +7,7 @@ import numpy as np
 
 from circlecal.geometry.ellipses import orthogonal_distance
 from circlecal.geometry.projective import Array
-from circlecal.overlay.canvas import Canvas, Picture
+from circlecal.overlay.canvas import Canvas, Picture, filter_legend
 from circlecal.overlay.frame_overlay import draw_arcs, draw_candidate_label
 from circlecal.overlay.palette import (
     CLASS_COLORS,
@@ -57,12 +57,19 @@ def mask_picture(image: Picture, mask: MarkingMask, zoom: int) -> Picture:
     ]
     if mask.field_region is not None:
         facts[0] += f"; field region {100 * float(np.mean(mask.field_region)):.0f} % of the frame"
-    legend = [("circle", YELLOW), ("halfway line", SKY), ("other lines", PURPLE), ("other classes", ORANGE)]
+    has_lines = any(segment is not mask.halfway for segment in mask.lines)
+    legend = [
+        ("circle", YELLOW, counts[0] > 0 or (mask.conic is None and any(arc.gapless for arc in mask.arcs))),
+        ("halfway line", SKY, counts[1] > 0 or mask.halfway is not None),
+        ("other lines", PURPLE, counts[2] > 0 or has_lines),
+        ("other classes", ORANGE, other > 0),
+        ("rough circle", VERMILION, mask.conic is not None),
+        ("candidates (dashed)", WHITE, bool(others)),
+    ]
     if others:
-        shown = ", ".join(f"{candidate.score:.2f}" for candidate in others)
-        facts.append(f"candidates that were not taken for the circle, by score: {shown}")
-    legend += [("rough circle", VERMILION), ("candidates (dashed)", WHITE)]
-    return canvas.header("1 mask", facts, legend)
+        scores = ", ".join(f"{candidate.score:.2f}" for candidate in others)
+        facts.append(f"candidates that were not taken for the circle, by score: {scores}")
+    return canvas.header("1 mask", facts, filter_legend(legend))
 
 
 def edges_picture(image: Picture, edges: EdgePoints, zoom: int) -> Picture:
@@ -128,7 +135,8 @@ def ellipse_picture(image: Picture, fits: EllipseFits, zoom: int) -> Picture:
         (f"{'centreline' if f.edge == 'center' else f.edge + ' edge'} (thick: inliers)", EDGE_COLORS[f.edge])
         for f in fits.all()
     ]
-    return canvas.header("4 ellipse", facts, [*legend, ("outliers", GREY)])
+    has_outliers = not all(fit.inliers.all() for fit in fits.all())
+    return canvas.header("4 ellipse", facts, legend + filter_legend([("outliers", GREY, has_outliers)]))
 
 
 def cues_picture(image: Picture, cues: Cues, zoom: int) -> Picture:
@@ -149,8 +157,14 @@ def cues_picture(image: Picture, cues: Cues, zoom: int) -> Picture:
         _draw_detail(canvas, image, mark, cues)
     if not facts:
         facts = ["nothing was found that fixes the rotation or the imaged centre"]
-    legend = [("halfway line", SKY), ("further lines", PURPLE), ("centre mark", YELLOW), ("its sigma", VERMILION)]
-    return canvas.header("5 cues", facts, legend)
+    has_mark = cues.mark is not None
+    legend = [
+        ("halfway line", SKY, cues.halfway is not None),
+        ("further lines", PURPLE, len(cues.lines) > 0),
+        ("centre mark", YELLOW, has_mark),
+        ("its sigma", VERMILION, has_mark),
+    ]
+    return canvas.header("5 cues", facts, filter_legend(legend))
 
 
 def _shade_outside_field(image: Picture, mask: MarkingMask) -> Picture:

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import replace
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from circlecal.camera.covariance import count_from_seen
 from circlecal.field import FieldTemplate
 from circlecal.field.view import FieldView
 from circlecal.geometry.projective import Array
@@ -37,6 +41,24 @@ def draw_template(
         own = CIRCLE if name == circle and color == TEMPLATE else color
         pixels = pixels_near_picture(view, polyline)
         canvas.polyline(pixels, own, 1.4, dashed=dashed and name not in template.mark_by_name)
+
+
+def count_sigma_from_seen(view: FieldView, by_growth: ArrayLike) -> FieldView:
+    """The view with standard deviations that count from what was seen instead of from the middle of the field, as the
+    frame's own predicted errors do: a goal that is seen lies where it is seen, however long the field is.
+
+    Parameters
+    ----------
+    view : FieldView
+        The view.
+    by_growth : (2,) array
+        By how much what was seen moves along x per metre that the field is longer, and along y per metre that it is
+        broader (:attr:`circlecal.results.CameraFit.reference_by_growth`).
+    """
+    if view.covariance is None:
+        return view
+    turn = count_from_seen(np.asarray(by_growth, dtype=np.float64))
+    return replace(view, covariance=turn @ view.covariance @ turn.T)
 
 
 def sigma_over_picture(view: FieldView, template: FieldTemplate, columns: int = 96) -> Array | None:

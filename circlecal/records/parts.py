@@ -190,6 +190,7 @@ class CameraRecord(CameraRow):
     prior_dominated: bool | None = None
     residual_correlation: Number = None
     reference_m: Pair | None = None
+    reference_by_growth: Pair | None = None
     field_size: FieldSizeRecord | None = None
 
     @property

@@ -58,6 +58,13 @@ NEAR_SHARE = 0.1
 """Of a limit: a value that is no further from it is said to be near."""
 
 
+def _is_near(check: CheckRecord) -> bool:
+    value, limit = check.value, check.limit
+    if value is None or not limit or (value.is_integer() and limit.is_integer()):
+        return False
+    return abs(value - limit) <= NEAR_SHARE * abs(limit)
+
+
 class ResultRow(RecordPart):
     """Of a record, what tables of many frames need."""
 
@@ -146,17 +153,16 @@ class ResultRecord(ResultRow):
 
     @property
     def near_limits(self) -> list[str]:
-        """Checks that only just passed, or only just failed, as ``sigma_px 5.62 of 6``: another seed, release or
-        encoding of the picture may end on the other side. Counts, which are whole numbers, are left out.
+        """What the verdict hangs on, as ``sigma_px 5.62 of 6``: checks of a calibrated frame that only just passed, or
+        those of a refused one that failed, where all of them only just did. Another seed, release or encoding of the
+        picture may end on the other side. Counts, which are whole numbers, are never near.
         """
-        return [
-            f"{check.name} {check.value:.3g} of {check.limit:.3g}"
-            for check in self.checks
-            if check.value is not None
-            and check.limit
-            and not (check.value.is_integer() and check.limit.is_integer())
-            and abs(check.value - check.limit) <= NEAR_SHARE * abs(check.limit)
-        ]
+        if self.status == "calibrated":
+            near = [check for check in self.checks if _is_near(check)]
+        else:
+            failed = [check for check in self.checks if not check.passed]
+            near = failed if all(map(_is_near, failed)) else []
+        return [f"{check.name} {check.value:.3g} of {check.limit:.3g}" for check in near]
 
     @property
     def seen(self) -> Observations | None:

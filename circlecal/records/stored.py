@@ -114,6 +114,7 @@ def _camera(record: ResultRecord, estimate: EstimateRecord) -> CameraFit | None:
         rejected=tuple(map(MarkingKey.parse, keys.rejected_observations)),
         named_lines=tuple(keys.named_lines),
         reference_m=_array(keys.reference_m or (0.0, 0.0)),
+        reference_by_growth=_array(keys.reference_by_growth or (0.0, 0.0)),
         field_size=None if keys.field_size is None else FieldSize(**keys.field_size.model_dump()),
         region=None if record.region is None else _region(record.region),
     )

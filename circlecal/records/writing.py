@@ -158,6 +158,7 @@ def _camera(fit: CameraFit) -> dict[str, Any]:
         "residual_correlation": fit.residual_correlation,
         "position_sigma_m": np.sqrt(np.diag(fit.covariance)[4:7]),
         "reference_m": fit.reference_m,
+        "reference_by_growth": fit.reference_by_growth,
         "max_sigma_px": fit.max_sigma_px,
         "max_sigma_m": fit.max_sigma_m,
         "field_size": fit.field_size,

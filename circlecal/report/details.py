@@ -8,12 +8,14 @@ from typing import Any
 from circlecal.overlay.page_view import describe_view, sigma_grid
 from circlecal.overlay.quality import rate_sigma
 from circlecal.overlay.radar import radar_half
+from circlecal.overlay.template_lines import count_sigma_from_seen
 from circlecal.records.parts import CameraRecord
 from circlecal.records.record import ResultRecord
 from circlecal.report.comparison import WORDS, Comparison
 from circlecal.report.drawings import Scene
 from circlecal.report.figures import clock, short
 from circlecal.report.reading import FrameRow
+from circlecal.results.numbers import show_with_sigma
 
 _CASES = {1: "1 (line)", 2: "2 (point)", 3: "3 (two edges)"}
 
@@ -52,7 +54,7 @@ def frame_details(
         "times": [[stage, short(ms)] for stage, ms in (record.timings_ms or {}).items() if ms],
         "size": None if scene is None else [scene.width, scene.height],
         "view": None if view is None else describe_view(view),
-        "sigma": None if view is None else sigma_grid(view, SIGMA_GRID),
+        "sigma": None if view is None else sigma_grid(count_sigma_from_seen(view, _by_growth(record)), SIGMA_GRID),
         "radar": None if scene is None or scene.template is None else radar_half(scene.template).tolist(),
         "other": [[label, text] for label, text in _against(compared)],
     }
@@ -71,8 +73,20 @@ def _against(compared: Comparison | None) -> Iterator[tuple[str, str]]:
         yield "cameras apart", f"{short(compared.apart_px)} px rms over the markings in view"
 
 
+def _camera_estimate(record: ResultRecord) -> CameraRecord | None:
+    """The camera, also one that the verdict did not trust."""
+    return record.camera or (record.rejected_estimate.camera if record.rejected_estimate else None)
+
+
+def _by_growth(record: ResultRecord) -> list[float]:
+    """How what was seen moves with the field's sizes, as the record has it."""
+    camera = _camera_estimate(record)
+    told = (None, None) if camera is None or camera.reference_by_growth is None else camera.reference_by_growth
+    return [value or 0.0 for value in told]
+
+
 def _facts(record: ResultRecord, row: FrameRow) -> Iterator[tuple[str, str]]:
-    camera = record.camera or (record.rejected_estimate.camera if record.rejected_estimate else None)
+    camera = _camera_estimate(record)
     fit = None if record.ellipses is None else record.ellipses.found
     if row.case is not None:
         yield "case", _CASES.get(row.case, str(row.case))
@@ -89,7 +103,7 @@ def _facts(record: ResultRecord, row: FrameRow) -> Iterator[tuple[str, str]]:
         yield "left out", _list(camera.rejected_observations)
     if row.camera is not None:
         before = None if record.rig is None or record.rig.alone is None else record.rig.alone.code
-        yield "rig", row.camera + (f", refused alone ({before})" if row.gained else "")
+        yield "tripod", row.camera + (f", refused alone ({before})" if row.gained else "")
     if row.time_ms is not None:
         yield "time", f"{short(row.time_ms)} ms"
     if record.image is not None:
@@ -107,6 +121,10 @@ def _camera(camera: CameraRecord) -> Iterator[tuple[str, str]]:
         yield "pan, tilt, roll", ", ".join(f"{angle:z.2f}°" for angle in angles)
     if camera.x_focal_length is not None:
         yield "focal length", f"{camera.x_focal_length:.0f} px"
+    size = camera.field_size
+    if size is not None:
+        length = show_with_sigma(size.length_m, size.length_sd_m, "±")
+        yield "field", f"{length} x {show_with_sigma(size.width_m, size.width_sd_m, '±')} m"
 
 
 def _list(names: Sequence[str]) -> str:

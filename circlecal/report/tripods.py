@@ -35,7 +35,7 @@ class Tripod:
     x_m, y_m : float
         On the field, metres from the centre mark.
     cells : tuple of str
-        Place, height, focal lengths, pan, pitch, and number of frames.
+        Place, height, focal lengths, pan, pitch, and from how many frames they are known.
     pitch_m : (2,) tuple of float or None
         Length and width of its field, where they were estimated.
     """
@@ -69,7 +69,7 @@ class Plan:
     tripods: tuple[Tripod, ...]
 
 
-HEADS = ("position, m", "height, m", "focal length, px", "pan", "pitch, m", "frames")
+HEADS = ("position, m", "height, m", "focal length, px", "pan", "pitch, m", "found from")
 
 
 def plan_of(folder: Path, rows: Sequence[FrameRow], field: str) -> Plan | None:
@@ -149,7 +149,7 @@ def _tripod(name: str, tripod: TripodPart) -> Tripod:
             f"{low:.0f} to {high:.0f}",
             f"{pan[0]:z.1f}° to {pan[1]:z.1f}°",
             f"{_with_sigma(length)} x {_with_sigma(width)}",
-            str(len(tripod.frames)),
+            f"{len(tripod.frames)} frames",
         ),
         (length.mean, width.mean),
     )
@@ -179,6 +179,6 @@ def _of_frames(rows: Sequence[FrameRow]) -> Iterator[Tripod]:
                 f"{min(focal):.0f} to {max(focal):.0f}" if focal else "-",
                 f"{min(pan):z.1f}° to {max(pan):z.1f}°" if pan else "-",
                 "-",
-                str(len(own)),
+                f"{len(own)} frames",
             ),
         )

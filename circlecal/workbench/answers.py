@@ -18,7 +18,7 @@ from circlecal.geometry.projective import Array, meet
 from circlecal.observations import MarkingKey
 from circlecal.overlay.page_view import describe_view, sigma_grid
 from circlecal.overlay.quality import rate_sigma
-from circlecal.overlay.template_lines import pixels_near_picture
+from circlecal.overlay.template_lines import count_sigma_from_seen, pixels_near_picture
 from circlecal.pipeline import field_of
 from circlecal.refusals import explain
 from circlecal.results import CameraFit, FrameCalibration
@@ -163,11 +163,15 @@ def describe(told: Answer) -> dict[str, Any]:
         "markings": _markings(told, recognised, drawn),
         "suggested": {str(k): name for k, name in suggestions(told, drawn).items()},
         "camera": None if view is None else describe_view(view),
-        "sigma": None if view is None else sigma_grid(view),
+        "sigma": None if view is None else sigma_grid(_count_from_seen(view, camera)),
         "footprint": [] if view is None else _footprint(view),
         "facts": list(_facts(told)),
         "milliseconds": round(sum(found.timings_ms.values()), 1),
     }
+
+
+def _count_from_seen(view: FieldView, camera: CameraFit | None) -> FieldView:
+    return view if camera is None else count_sigma_from_seen(view, camera.reference_by_growth)
 
 
 def missing(told: Answer) -> str | None:

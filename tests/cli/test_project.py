@@ -37,6 +37,19 @@ def test_plain_table(run_circlecal, result_file):
     assert all(float(row[4]) > 0 for row in rows)
 
 
+def test_a_frame_without_the_circle_says_from_where_sigma_counts(run_circlecal, result_file, tmp_path):
+    record = json.loads(result_file.read_text())
+    size = {"length_m": 105.0, "width_m": 68.1, "length_sd_m": 1.8, "width_sd_m": 0.12}
+    record["camera"]["field_size"] = size | {"is_usual": True, "usual_share": 0.9}
+    record["camera"]["reference_by_growth"] = [0.5, 0.0]
+    path = tmp_path / "goal.json"
+    path.write_text(json.dumps(record))
+    outcome = run_circlecal("project", path, "--to", "field", 480, 270)
+    assert "sigma counts from the centre mark" in outcome.err
+    assert "105.0 +- 1.8 x 68.10 +- 0.12 m" in outcome.err
+    assert run_circlecal("project", result_file, "--to", "field", 480, 270).err == ""
+
+
 def test_above_the_horizon_and_behind_the_camera(run_circlecal, result_file):
     outcome = run_circlecal("project", result_file, "--to", "field", 480, "-3000")
     assert outcome.code == 0

@@ -239,3 +239,25 @@ def test_a_key_that_is_given_twice_is_named(tmp_path):
     path.write_text('{"schema_version": 1, "id": "a", "status": "refused", "code": "no_field", "id": "b"}')
     with pytest.raises(InputError, match=r'edited\.json: the key "id" is given twice; keep one of the two$'):
         read_result(path)
+
+
+@pytest.mark.parametrize(
+    ("status", "checks", "near"),
+    [
+        ("calibrated", [(5.7, 6.0, True), (1.0, 6.0, True)], ["a 5.7 of 6"]),
+        ("calibrated", [(6.0, 6.0, True)], []),
+        ("refused", [(6.3, 6.0, False), (5.9, 6.0, True)], ["a 6.3 of 6"]),
+        ("refused", [(5.9, 6.0, True), (52.9, 21.3, False)], []),
+        ("refused", [(6.3, 6.0, False), (52.9, 21.3, False)], []),
+        ("refused", [(5.9, 6.0, True)], []),
+    ],
+)
+def test_near_a_limit_is_what_another_verdict_hangs_on(status, checks, near):
+    told = [
+        {"name": name, "value": value, "limit": limit, "passed": passed}
+        for name, (value, limit, passed) in zip("ab", checks, strict=False)
+    ]
+    assert (
+        ResultRecord.model_validate({"schema_version": 1, "id": "x", "status": status, "checks": told}).near_limits
+        == near
+    )

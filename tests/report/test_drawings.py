@@ -120,6 +120,27 @@ def test_details_name_what_failed_first(good_record, tmp_path):
     assert "m high" in facts["camera"]
 
 
+def test_the_sigma_map_counts_from_what_was_seen_as_the_frames_own_sigma_does(good_record, tmp_path):
+    known = good_record["camera"]["covariance"]
+    x, length = known["parameters"].index("x"), known["parameters"].index("length")
+    matrix = np.array(known["matrix"])
+    matrix[[x, length], [x, length]] += [25.0, 100.0]
+    matrix[[x, length], [length, x]] += 50.0
+    size = {"length_m": 104.0, "width_m": 68.1, "length_sd_m": 10.0, "width_sd_m": 0.12, "is_usual": False}
+    camera = good_record["camera"] | {
+        "covariance": known | {"matrix": matrix.tolist()}, "field_size": size | {"usual_share": 0.1},
+    }  # fmt: skip
+    record = good_record | {"camera": camera | {"reference_by_growth": [0.5, 0.0]}}
+    (row,) = read_run(write_run(tmp_path, [record])).rows
+    told = frame_details(sound(record), row, scene_of(sound(record)))
+    assert ("104 ± 10 x 68.10 ± 0.12 m") in dict(told["facts"])["field"]
+    old = good_record | {"camera": {k: v for k, v in camera.items() if k != "reference_by_growth"}}
+    from_middle = frame_details(sound(old), row, scene_of(sound(old)))
+    middle = 16 * 5 + 8
+    assert told["sigma"]["px"][middle] < 0.2 * from_middle["sigma"]["px"][middle]
+    assert told["sigma"]["m"][middle] < 0.2 * from_middle["sigma"]["m"][middle]
+
+
 def test_what_rounds_to_nothing_has_no_sign(good_record, tmp_path):
     nearly = {"position_meters": [-0.01, 62.0, -15.5], "pan_degrees": 0.0, "tilt_degrees": -0.001, "roll_degrees": -0.1}
     record = good_record | {"camera": good_record["camera"] | nearly}

@@ -149,7 +149,7 @@ def test_what_the_rig_gained(tmp_path, named):
     columns = listing(report)["columns"]
     assert (columns["camera"], columns["gained"]) == ([0, -1, -1], [1, 0, 0])
     assert "1 thanks to other frames" in (report / "index.html").read_text()
-    assert ["rig", "camera-1, refused alone (rotation_free)"] in details(report)[0]["facts"]
+    assert ["tripod", "camera-1, refused alone (rotation_free)"] in details(report)[0]["facts"]
 
 
 def test_no_address_leaves_the_folder(tmp_path, named):
