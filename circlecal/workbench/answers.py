@@ -53,6 +53,7 @@ ADVICE = {
     "no_ellipse": "Mark more of the circle, or name another straight marking.",
     "rotation_free": "Name one straight marking: click it in the picture, then on the field.",
     "too_uncertain": "Name a marking far from what is named so far: a touchline, a penalty area.",
+    "mark_contradicts_circle": "Look at the centre mark and the halfway line: take away what is not on its paint.",
     "observations_contradict": "Take away the name that is marked as contradicting, or give it another one.",
     "too_few_observations": "Name one more marking: another line, an arc or a crossing of two lines.",
 }

@@ -97,6 +97,12 @@ def test_nothing_sticks_out_of_the_window(browser, server):
         assert stage[0] > 300 and stage[1] > 200
         drawn = "[...document.querySelectorAll('#drawing .traced')].map((e) => e.getBoundingClientRect().width)"
         assert max(browser.run(f"return {drawn}")) > 50, "what was measured is drawn on screens of every width"
+        wide = browser.run(
+            "const p = document.getElementById('picture'), zoom = p.getBoundingClientRect().width / p.naturalWidth;"
+            "const width = (line) => zoom * parseFloat(getComputedStyle(line).strokeWidth);"
+            "return [...document.querySelectorAll('#drawing .traced:not(.chosen)')].map(width)"
+        )
+        assert wide == pytest.approx([3.0] * len(wide), abs=0.05), "lines are as wide at every zoom"
         pairs = browser.run(CONTRASTS)
         assert len(pairs) >= 3
         for pair, where in pairs.items():
@@ -223,9 +229,9 @@ def keys_alone(browser, address, out):
         "return all.findIndex((b) => b.textContent.includes('line, no name'))"
     )
     assert longest >= 0
-    number = int(browser.run(f"return document.querySelectorAll('.pick')[{longest}].dataset.marking"))
     browser.run("document.activeElement.blur()")
-    browser.press(*["]"] * (number + 1))
+    browser.press(*["]"] * (longest + 1))  # the brackets walk through the list as it stands beside the picture
+    assert browser.run(f"return document.querySelectorAll('.pick')[{longest}].ariaPressed") == "true"
     browser.press("t")
     browser.wait(f"{VERDICT}.startsWith('calibrated') && {SAVED}")
     nameless = browser.run(

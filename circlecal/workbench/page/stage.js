@@ -38,7 +38,7 @@ export class Stage {
     this.heat = element.querySelector("#heat");
     this.magnifier = element.querySelector("#magnifier");
     this.size = [16, 9];
-    this.zoom = 1; this.left = 0; this.top = 0;
+    this.zoom = this.whole = 1; this.left = 0; this.top = 0;  // whole: zoom at which all of the picture is seen
     this.cross = null;
     this.pointers = new Map();
     this.withSpace = false;
@@ -68,10 +68,14 @@ export class Stage {
     this.fit();
   }
 
-  place() { this.scene.style.transform = `translate(${this.left}px, ${this.top}px) scale(${this.zoom})`; this.hooks.zoomed?.(); }
+  place() {
+    this.scene.style.transform = `translate(${this.left}px, ${this.top}px) scale(${this.zoom})`;
+    this.scene.style.setProperty("--unit", 1 / this.zoom);
+    this.hooks.zoomed?.();
+  }
   fit() {
     const { clientWidth: w, clientHeight: h } = this.element;
-    this.zoom = Math.min(w / this.size[0], h / this.size[1]) || 1;
+    this.zoom = this.whole = Math.min(w / this.size[0], h / this.size[1]) || 1;
     this.left = (w - this.zoom * this.size[0]) / 2; this.top = (h - this.zoom * this.size[1]) / 2;
     this.fitted = true;
     this.place();
@@ -79,7 +83,7 @@ export class Stage {
   zoomAt(factor, clientX, clientY) {
     const box = this.element.getBoundingClientRect();
     const x = (clientX ?? box.left + box.width / 2) - box.left, y = (clientY ?? box.top + box.height / 2) - box.top;
-    const zoom = Math.min(Math.max(this.zoom * factor, 0.1), 60), change = zoom / this.zoom;
+    const zoom = Math.min(Math.max(this.zoom * factor, Math.min(this.whole, 0.1)), 60), change = zoom / this.zoom;
     this.left = x - change * (x - this.left); this.top = y - change * (y - this.top);
     this.zoom = zoom; this.fitted = false;
     this.place();

@@ -221,6 +221,8 @@ const draw = () => {
   map.draw(used, active, new Set(Object.values(answer.suggested)), answer.footprint);
   tell();
 };
+// Numbers of the markings as the list has them: those with a name first.
+const listOrder = () => annotation.markings.map((m, k) => k).sort((a, b) => (annotation.markings[a].name ? 0 : 1) - (annotation.markings[b].name ? 0 : 1));
 const tell = () => {
   const good = answer.status === "calibrated";
   const verdict = by("verdict");
@@ -245,9 +247,8 @@ const tell = () => {
   by("offers").replaceChildren(...buttons);
   by("active").textContent = active ? `marking: ${words(active)}` : chosen >= 0 ? "which marking is it?" : "";
   by("hint").textContent = active ? "Click or drag along it in the picture; click it here again to stop." : chosen >= 0 ? "Click its marking here, or press its key." : "Click something in the picture, then its marking here. Or a marking first, then its paint.";
-  const order = annotation.markings.map((m, k) => k).sort((a, b) => (annotation.markings[a].name ? 0 : 1) - (annotation.markings[b].name ? 0 : 1));
   const focused = document.activeElement?.dataset?.marking;
-  by("markings").replaceChildren(...order.map((k) => {
+  by("markings").replaceChildren(...listOrder().map((k) => {
     const marking = annotation.markings[k], told = answer.markings[k] || {};
     const kind = told.contradicts ? "wrong" : !marking.used ? "offered" : marking.name ? "named" : "";
     const title = marking.name ? words(marking.name) : told.recognised ? `${words(told.recognised)} (recognised)` : !marking.used ? `${marking.kind === "curve" ? "ellipse" : marking.kind}, not used` : `${marking.kind}, no name`;
@@ -302,7 +303,7 @@ const onKey = (event) => {
     else { const size = event.shiftKey ? 1 : 10; stage.moveCross(size * arrow[0], size * arrow[1]); tellUnder(stage.cross); draw(); }
   } else if (event.key === "Enter" && onStage && stage.cross) guarded(clicked)(stage.cross, { exact: event.shiftKey });
   else if (event.key === "Escape") { chosen = -1; active = null; draw(); }
-  else if (event.key === "[" || event.key === "]") { const n = annotation.markings.length; if (n) chosen = (chosen + (event.key === "]" ? 1 : chosen < 0 ? 0 : -1) + n) % n; active = null; draw(); }
+  else if (event.key === "[" || event.key === "]") { const order = listOrder(), n = order.length, at = order.indexOf(chosen); if (n) chosen = order[(at + (event.key === "]" ? 1 : at < 0 ? 0 : -1) + n) % n]; active = null; draw(); }
   else if (own) pick(own.name);
   else if (event.key === "a") accept();
   else if (event.key === "x" || event.key === "Delete" || event.key === "Backspace") { if (marking) { const k = chosen; chosen = -1; named(k, null); } }
