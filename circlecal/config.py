@@ -25,7 +25,7 @@ from pydantic_core import ErrorDetails
 from circlecal.camera.options import CameraConfig
 from circlecal.camera.rig_options import RigConfig
 from circlecal.detection.keypoints import KeypointsConfig
-from circlecal.errors import ConfigError, InputError
+from circlecal.errors import ConfigError, InputError, explain_problem
 from circlecal.field import load_field
 from circlecal.files import is_file, open_regular, read_text
 from circlecal.formats.meaning import SourcesConfig
@@ -371,7 +371,7 @@ def _is_mapping(annotation: Any) -> bool:
 def _explanation(key: str, problems: Sequence[ErrorDetails]) -> str:
     if problems[0]["type"] == "extra_forbidden":
         return _unknown_key(key)
-    wanted = dict.fromkeys(problem["msg"].removeprefix("Value error, ").removeprefix("Input ") for problem in problems)
+    wanted = dict.fromkeys(explain_problem(problem["type"], problem["msg"]) for problem in problems)
     given = problems[0]["input"]
     shown = "" if problems[0]["type"] == "value_error" else f", not {_kind(given)}"
     return f"{key}: {' or '.join(wanted)}{shown}"

@@ -62,3 +62,25 @@ class InterruptedCommandError(Exception):
 def reading_failure(error: Exception) -> str:
     """Why a file cannot be read, in words that do not name it again."""
     return getattr(error, "strerror", None) or str(error)
+
+
+_PLAIN_WORDS = {
+    "missing": "is missing",
+    "model_type": "should be a mapping",
+    "model_attributes_type": "should be a mapping",
+    "dict_type": "should be a mapping",
+    "tuple_type": "should be a list",
+    "list_type": "should be a list",
+}
+"""What users of YAML and JSON call it, by pydantic's type of a problem."""
+
+
+def explain_problem(kind: str, message: str) -> str:
+    """What is wrong with a value, in words that follow the name of its key.
+
+    Parameters
+    ----------
+    kind, message : str
+        ``type`` and ``msg`` of one of the errors of a pydantic ``ValidationError``.
+    """
+    return _PLAIN_WORDS.get(kind) or message.removeprefix("Value error, ").removeprefix("Input ")

@@ -114,6 +114,11 @@ def _require_shallow(text: str) -> None:
             depth -= 1
 
 
+def _is_indented_by_tab(text: str, number: int) -> bool:
+    lines = text.splitlines()[number : number + 1]
+    return any("\t" in line[: len(line) - len(line.lstrip())] for line in lines)
+
+
 def parse_yaml(text: str) -> Any:
     """The value of a YAML text.
 
@@ -127,7 +132,10 @@ def parse_yaml(text: str) -> Any:
         return yaml.load(text, Loader=_Loader)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
-        raise YamlError(error.problem or error.context or "is not YAML", mark.line + 1 if mark else None) from error
+        reason = error.problem or error.context or "is not YAML"
+        if mark and _is_indented_by_tab(text, mark.line):
+            reason = "a tab begins the line; indent with blanks"
+        raise YamlError(reason, mark.line + 1 if mark else None) from error
     except RecursionError as error:
         raise YamlError("is not YAML that is read: nested too deeply") from error
     except (yaml.YAMLError, ValueError, TypeError, KeyError, IndexError, AttributeError, OverflowError) as error:

@@ -19,7 +19,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo, model_validator
 
-from circlecal.errors import ConfigError, InputError
+from circlecal.errors import ConfigError, InputError, explain_problem
 from circlecal.files import is_file, open_regular
 from circlecal.geometry.projective import Array
 from circlecal.yaml_text import YamlError, read_yaml
@@ -454,7 +454,7 @@ def template_from_mapping(content: Any, source: str, sizes: dict[str, float] | N
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"]) or "template"
-        raise ConfigError(f"{source}: {where}: {first['msg']}") from error
+        raise ConfigError(f"{source}: {where}: {explain_problem(first['type'], first['msg'])}") from error
 
 
 def field_folder() -> Path:

@@ -15,7 +15,7 @@ from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from circlecal.errors import InputError
+from circlecal.errors import InputError, explain_problem
 from circlecal.files import read_file
 from circlecal.formats.cameras import CalibratedFrame, CameraFrame, CameraModel, Size
 from circlecal.formats.shapes import AnnotatedFrame
@@ -210,7 +210,7 @@ def _first_problem(error: ValidationError, path: Path, line: int | None, prefix:
     where = "".join(
         f"{separator}{part}" for separator, part in ((", line ", line), (": ", field)) if part not in (None, "")
     )
-    message = first["msg"].removeprefix("Value error, ")
+    message = explain_problem(first["type"], first["msg"])
     given = first["input"]
     shown = f", not {json.dumps(given)[:60]}" if isinstance(given, str | int | float) and first["loc"] else ""
     return InputError(f"{path}{where}: {message}{shown}")

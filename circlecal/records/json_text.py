@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 from pydantic_core import PydanticSerializationError
 
-from circlecal.errors import InputError
+from circlecal.errors import InputError, explain_problem
 from circlecal.files import read_file, write_atomic
 from circlecal.records.record import SCHEMA_VERSION, ResultRecord, ResultRow
 
@@ -179,9 +179,8 @@ def explain_damage(error: ValidationError) -> str:
     """The first thing that is wrong with a record, as field and words."""
     first = error.errors(include_url=False, include_context=False)[0]
     where = ".".join(str(part) for part in first["loc"])
-    if first["type"] == "missing":
-        return f"{where} is missing"
-    return f"{where}{': ' * bool(where)}{first['msg'].removeprefix('Value error, ')}"
+    joint = " " if first["type"] == "missing" else ": "
+    return f"{where}{joint * bool(where)}{explain_problem(first['type'], first['msg'])}"
 
 
 def to_mapping(record: ResultRecord) -> dict[str, Any]:

@@ -162,15 +162,15 @@ def test_what_is_wrong_with_a_template_is_said():
     assert "marking_width_m" in broken(marking_width_m=0)
     assert "circles" in broken(circles=7)
     for size in (0, -105, 1e9):
-        assert "length_m: Input should be" in broken(length_m=size)
+        assert "length_m: should be" in broken(length_m=size)
     spot, arc = _mapping()["marks"][0], _mapping()["arcs"][0]
-    assert "marks.0.position.1: Input should be" in broken(marks=[{**spot, "position": [0, 1e9]}])
-    assert "arcs.0.end_deg: Input should be" in broken(arcs=[{**arc, "end_deg": 1e9}])
+    assert "marks.0.position.1: should be" in broken(marks=[{**spot, "position": [0, 1e9]}])
+    assert "arcs.0.end_deg: should be" in broken(arcs=[{**arc, "end_deg": 1e9}])
     assert "sizes" in broken(sizes=[1, 2])
     for content in (None, [], "soccer", {}):
         with pytest.raises(ConfigError, match=r"mine\.yaml"):
             template_from_mapping(content, "mine.yaml")
-    with pytest.raises(ConfigError, match=r"soccer\.yaml: length_m: Input should be greater than 0"):
+    with pytest.raises(ConfigError, match=r"soccer\.yaml: length_m: should be greater than 0"):
         load_field("soccer", {"length": 0})
     with pytest.raises(ConfigError, match=r"field\.sizes\.lenght.*length"):
         load_field("soccer", {"lenght": 100})
