@@ -13,6 +13,10 @@ class InputError(CirclecalError):
     """An input or output file is unusable: names the file, what is wrong with it and the mend."""
 
 
+class OutputError(InputError):
+    """A file or folder cannot be written: the disk is full or read-only. It says nothing of what was to be written."""
+
+
 class MissingExtraError(CirclecalError):
     """An optional package is not installed; the text says how to install it from an index or from a checkout.
 

@@ -16,7 +16,7 @@ import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from circlecal.errors import InputError
+from circlecal.errors import InputError, OutputError
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _BLOCK = 1 << 20
@@ -289,11 +289,11 @@ def _short_name(path: Path) -> str:
     return os.fsdecode(os.fsencode(path.name)[:_MOST_NAME_BYTES])
 
 
-def write_error(path: Path, error: Exception, option: str = "--out") -> InputError:
+def write_error(path: Path, error: Exception, option: str = "--out") -> OutputError:
     """The error for a file or folder that cannot be written; ``option`` named it on the command line."""
     is_full = getattr(error, "errno", 0) in _FULL or "disk is full" in str(error)  # as SQLite says it
     mend = f"{'free space or ' * is_full}choose another {option}"
-    return InputError(f"{path}: cannot be written: {getattr(error, 'strerror', None) or error}; {mend}")
+    return OutputError(f"{path}: cannot be written: {getattr(error, 'strerror', None) or error}; {mend}")
 
 
 def prepare_folder(out: Path, option: str = "--out") -> Path:

@@ -6,7 +6,7 @@ import logging
 from typing import Any, Protocol, TypeVar
 
 from circlecal.batch.limits import TimeLimitError, limit_time
-from circlecal.errors import CirclecalError
+from circlecal.errors import CirclecalError, OutputError
 from circlecal.pictures.limits import DEFAULT_LIMITS, LimitsConfig
 from circlecal.records.log import Finished
 from circlecal.records.record import ResultRecord
@@ -61,6 +61,11 @@ def finish(task: Task[F], frame: F, end_process: bool = False) -> Finished:
 
     A frame that takes too long or too much memory is a record too; ``end_process`` as of
     :func:`circlecal.batch.limits.limit_time`.
+
+    Raises
+    ------
+    OutputError
+        What belongs to the frame cannot be written: it is not finished, and the next start takes it up.
     """
     seconds = limits_of(task).frame_seconds
     try:
@@ -69,6 +74,8 @@ def finish(task: Task[F], frame: F, end_process: bool = False) -> Finished:
     except TimeLimitError:
         reason = f"{task.source(frame)}: took longer than {seconds:g} s; raise limits.frame_seconds, or scale it down"
         return Finished.of(record_failure(task, frame, "time_limit", reason))
+    except OutputError:
+        raise
     except CirclecalError as error:
         return Finished.of(record_failure(task, frame, "unreadable_input", str(error)))
     except OSError as error:

@@ -125,6 +125,12 @@ def stderr_console() -> Console:
     return Console(stderr=True)
 
 
+LEAST_COLUMNS = 70
+"""Columns of a terminal below which frames are told in sentences: with names of sixteen letters the table would break
+words in its last column.
+"""
+
+
 def print_summaries(summaries: Sequence[FrameSummary]) -> None:
     """Print one row per frame, and what helps against the refusals: once for each reason, in a pipe in every row."""
     from rich.console import Console
@@ -140,7 +146,12 @@ def print_summaries(summaries: Sequence[FrameSummary]) -> None:
     if not console.is_terminal:
         print_table(None, (*columns, "what helps"), [(*row, text) for row, text in zip(rows, helps, strict=True)])
         return
-    print_table(None, columns, rows)
+    if console.width < LEAST_COLUMNS:
+        for name, status, case, sigma, rms, reason in rows:
+            told = f"{name}: {status}, case {case}, sigma {sigma} px, rms {rms} px{': ' * bool(reason)}{reason}"
+            console.print(show(told), highlight=False, markup=False)
+    else:
+        print_table(None, columns, rows)
     for text in dict.fromkeys(filter(None, helps)):
         frames = [s.id for s, its in zip(summaries, helps, strict=True) if its == text]
         named = ", ".join(frames[:_NAMED]) + f" and {len(frames) - _NAMED} more" * (len(frames) > _NAMED)

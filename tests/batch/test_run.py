@@ -257,6 +257,20 @@ def test_a_line_cut_by_a_full_disk_is_taken_back(tmp_path, monkeypatch):
     assert [record["id"] for record in records(tmp_path)] == ["a"]
 
 
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_frame_whose_files_cannot_be_written_is_not_finished(run_circlecal, frame_file, tmp_path, workers):
+    out = tmp_path / "out"
+    (out / "good.json").mkdir(parents=True)  # in the way, as a disk that is full is
+    command = ("batch", frame_file, "--out", out, "--files", "--no-overlay", "--workers", workers, "-q")
+    outcome = run_circlecal(*command)
+    assert outcome.code == 2
+    assert "good.json: cannot be written" in outcome.err
+    assert records(out) == []
+    (out / "good.json").rmdir()
+    assert run_circlecal(*command).code == 0
+    assert [record["status"] for record in records(out)] == ["calibrated"]
+
+
 def test_a_damaged_line_in_the_middle_is_an_error(tmp_path):
     digest = config_digest(Config())
     good = json.dumps({"schema_version": 1, "id": "a", "status": "refused", "config_digest": digest})

@@ -95,3 +95,16 @@ def test_what_helps_is_told_once_for_each_reason(monkeypatch):
     console.print_summaries([*refused, FrameSummary("ok", "calibrated", None, 1, 0.3, 2.0, 9.0, None)])
     lines = [line for line in written.getvalue().splitlines() if line.startswith("What helps")]
     assert lines == [f"What helps (f0, f1, f2 and 2 more): {explain('no_field').help}"]
+
+
+def test_a_narrow_terminal_tells_frames_in_sentences(monkeypatch):
+    written = io.StringIO()
+    terminal = Console(file=written, force_terminal=True, width=40, color_system=None)
+    monkeypatch.setattr("rich.console.Console", lambda: terminal)
+    told = FrameSummary("a_frame", "refused", "too_uncertain", 1, 0.2, 52.9, 9.0, "too little is seen to know it")
+    console.print_summaries([told, FrameSummary("ok", "calibrated", None, None, None, 2.0, 9.0, None)])
+    words = " ".join(written.getvalue().split())
+    assert "a_frame: refused, case 1, sigma 52.90 px, rms 0.20 px: too little is seen to know it" in words
+    assert "ok: calibrated, case -, sigma 2.00 px, rms - px" in words
+    assert "What helps (a_frame):" in words
+    assert max(map(len, written.getvalue().splitlines())) <= 40
