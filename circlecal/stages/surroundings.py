@@ -50,8 +50,11 @@ smooth places nothing stands out on either side of it.
 """
 MARGIN = 0.2
 """Nearer to the picture's border than this share of its size, a step is that of a caption's bar."""
-PLAIN_LEVELS = 1.5
-"""Standard deviation of a block of a row, gray levels, that is a caption's or a bar's: cameras see rougher things."""
+PLAIN_LEVELS, PLAIN_ROWS = 1.5, 4
+"""Standard deviation of a block of a row, gray levels, mean of so many rows on one side of the step, that is that of a
+caption, a bar or a railing: cameras see rougher things. Single rows of a plain railing have 1.3 to 2.5 by the noise
+alone.
+"""
 GOES_ON, LEAST_ALIKE = 0.5, 0.3
 """Correlation of the detail in both rows that meet in a step, over that of the rows beside them, and by itself, from
 which on what is seen goes on behind the step, as the ground does behind a shadow's edge: there it has 0.7 and 1.1 of
@@ -212,12 +215,18 @@ def _worst_seam(rows: NDArray[np.uint8], covered: Mask | None) -> float:
     others = share[(off > 1) & (inner | (off < CAPTION_SHARE * len(rows)))]
     if others.max(initial=0.0) > ALONE_SHARE * share[worst]:
         return 0.0
-    around = rows[worst : worst + 4].astype(np.float64)
-    detail = around - np.repeat(np.add.reduceat(around, starts, axis=1) / size, size, axis=1)
-    meeting = np.add.reduceat(detail[1:3] ** 2, starts, axis=1) / size
-    is_rough = (meeting > PLAIN_LEVELS**2).all(axis=0)
-    counted = steps[worst] & (is_rough | (share[worst] >= WHOLE_SHARE))
+    meeting = worst + 2
+    sides = np.stack([rows[r : r + PLAIN_ROWS].mean(axis=0) for r in (meeting - PLAIN_ROWS, meeting)])
+    power = np.add.reduceat(_take_detail(sides, starts) ** 2, starts, axis=1) / size
+    counted = steps[worst] & ((power > PLAIN_LEVELS**2).all(axis=0) | (share[worst] >= WHOLE_SHARE))
+    detail = _take_detail(rows[meeting - 2 : meeting + 2].astype(np.float64), starts)
     return 0.0 if _goes_on(detail, starts, counted) else float(np.mean(counted))
+
+
+def _take_detail(rows: Array, starts: NDArray[np.int_]) -> Array:
+    """What rows (M, K) have beside the mean of each of their blocks, which begin at columns (N,)."""
+    size = np.diff(np.append(starts, rows.shape[1]))
+    return np.asarray(rows - np.repeat(np.add.reduceat(rows, starts, axis=1) / size, size, axis=1))
 
 
 def _goes_on(detail: Array, starts: NDArray[np.int_], counted: Mask) -> bool:

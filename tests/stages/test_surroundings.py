@@ -146,6 +146,20 @@ def test_a_bar_and_a_caption_are_no_seam():
         assert measure_surroundings(seen, mask_of(None), fit_of(CAMERA), SOCCER).seam_share < 0.3
 
 
+def test_the_lower_edge_of_a_level_railing_is_no_seam():
+    """It is as plain as its noise, and its upper edge, farther from the eye, is not level."""
+    rng = np.random.default_rng(6)
+    seen = np.repeat(np.repeat(rng.integers(20, 230, (SIZE[0] // 4, SIZE[1] // 4)), 4, axis=0), 4, axis=1).astype(float)
+    seen = cv2.GaussianBlur(seen, (0, 0), 1.5)
+    middle = SIZE[0] // 2
+    rows, columns = np.arange(SIZE[0])[:, None], np.arange(SIZE[1])
+    # it turns away at the corner of the stand
+    lower = middle + np.maximum(SIZE[1] // 3 - columns, 0) // 8
+    railing = (rows >= middle - 30 - columns // 40) & (rows < lower)
+    shown = np.where(railing, 15.0 + rng.normal(0.0, 2.0, SIZE), seen[: SIZE[0], : SIZE[1]]).clip(0, 255)
+    assert measure_surroundings(shown.astype(np.uint8), mask_of(None), fit_of(CAMERA), SOCCER).seam_share < 0.3
+
+
 @pytest.mark.parametrize(("top", "is_seam"), [(0.15, False), (0.0, True)])
 def test_a_caption_that_begins_near_the_border_is_no_seam(top, is_seam):
     """Its other edge is; what reaches to the border has one edge only, as half of a picture has."""
