@@ -42,6 +42,14 @@ from circlecal.line_naming.field_views import (
     three_line_views,
     two_pair_views,
 )
+from circlecal.line_naming.view_refinement import (
+    SeenMarkings,
+    circle_conics,
+    curves_of,
+    distances_from_circles,
+    marking_lines,
+    refine_views,
+)
 
 __all__ = ["FieldHypothesis", "find_arc", "propose_cameras"]
 
@@ -86,6 +94,10 @@ ON_ARC_PX, ON_ARC_SHARE = 20.0, 0.8
 lies within it, for the curve to be that arc. Under a camera from three lines of a real frame that was taken in a fast
 pan the right penalty arc lies 5 to 20 px off; of 120 rendered pictures, of all of which 12 px gave the answer, 20 give
 that verdict too.
+"""
+REFINED_SHARE = 0.5
+"""Of both distances, within which lines and curves lie under a camera that was moved onto them. A goal area with a part
+of the centre circle looks like a penalty area with its arc, 20 px off; what the lens leaves of it is 3 to 6 px.
 """
 ARC_POINTS = 24
 """Of a seen curve, from which its distance from an arc is measured."""
@@ -268,6 +280,9 @@ class _Matches:
     def take(self, index: Indices) -> _Matches:
         return _Matches(self.marking[index], self.along[index])
 
+    def join(self, others: _Matches) -> _Matches:
+        return _Matches(np.concatenate([self.marking, others.marking]), np.concatenate([self.along, others.along]))
+
 
 def _rank(
     theta: Array,
@@ -283,8 +298,12 @@ def _rank(
     matches = _match(theta, segments, template, model)
     explained = (matches.marking >= 0) @ length
     order = np.argsort(-explained, kind="stable")[:KEPT]
-    matches, theta, explained = matches.take(order), theta[order], explained[order]
-    arc_px, arc_count = _lie_on_arcs(theta, curves, template, model)
+    matches, theta = matches.take(order), theta[order]
+    refined = _refine(theta, matches, segments, curves, template, model)
+    matches = matches.join(_match(refined, segments, template, model, REFINED_SHARE))
+    arcs = _lie_on_arcs(theta, curves, template, model), _lie_on_arcs(refined, curves, template, model, is_refined=True)
+    arc_px, arc_count = (np.concatenate(pair) for pair in zip(*arcs, strict=True))
+    theta, explained = np.concatenate([theta, refined]), (matches.marking >= 0) @ length
     score = (explained + arc_px - MISSING_WEIGHT * _missing_px(theta, matches, template, model)) / model.width
     found: list[FieldHypothesis] = []
     for k in np.argsort(-score, kind="stable").tolist():
@@ -298,14 +317,33 @@ def _rank(
     return found
 
 
-def _match(theta: Array, segments: Array, template: FieldTemplate, model: ProjectionModel) -> _Matches:
-    """For every seen line (S, 2, 2) the nearest marking on whose extent it lies."""
+def _refine(
+    theta: Array,
+    matches: _Matches,
+    segments: Array,
+    curves: Sequence[Array],
+    template: FieldTemplate,
+    model: ProjectionModel,
+) -> Array:
+    """The cameras (B, P), moved onto the lines and curves that have a name under them."""
+    rings = np.full((len(theta), len(curves)), -1)
+    points = np.zeros((len(curves), ARC_POINTS, 2))
+    for k, (share, _) in enumerate(_lie_near_rings(theta, curves, template, model)):
+        rings[:, k] = np.where(share.max(axis=1, initial=0.0) >= ON_ARC_SHARE, share.argmax(axis=1), -1)
+        points[k] = curves[k][np.linspace(0, len(curves[k]) - 1, ARC_POINTS).round().astype(int)]
+    seen = SeenMarkings(segments, matches.marking, points, rings)
+    return refine_views(theta, seen, template, curves_of(template), model)
+
+
+def _match(
+    theta: Array, segments: Array, template: FieldTemplate, model: ProjectionModel, share: float = 1.0
+) -> _Matches:
+    """For every seen line (S, 2, 2) the nearest marking on whose extent it lies, within a share of NAMED_PX."""
     drawn, _ = template.drawn_lines
     span = drawn[:, 1] - drawn[:, 0]
     extent = np.linalg.norm(span, axis=-1)
     direction = span / extent[:, None]
-    across = np.stack([-direction[:, 1], direction[:, 0]], axis=-1)
-    markings = np.column_stack([across, -(across * drawn[:, 0]).sum(axis=-1)])
+    markings = marking_lines(template)
     back = np.linalg.inv(homographies(theta, model))
     ends = lift(segments.reshape(-1, 2))
     seen = markings @ back  # lines go by the inverse transpose
@@ -322,7 +360,7 @@ def _match(theta: Array, segments: Array, template: FieldTemplate, model: Projec
     on = ((along > -BEYOND_M) & (along < extent[:, None, None] + BEYOND_M)).all(axis=-1)
     off = np.where(on, off, np.inf)
     best = off.argmin(axis=1)
-    named = np.take_along_axis(off, best[:, None], axis=1)[:, 0] < NAMED_PX * model.width / 1920.0
+    named = np.take_along_axis(off, best[:, None], axis=1)[:, 0] < share * NAMED_PX * model.width / 1920.0
     chosen = np.take_along_axis(along, best[:, None, :, None], axis=1)[:, 0]
     return _Matches(np.where(named, best, -1), np.sort(chosen, axis=-1))
 
@@ -347,44 +385,53 @@ def _missing_px(theta: Array, matches: _Matches, template: FieldTemplate, model:
 
 
 def _lie_on_arcs(
-    theta: Array, curves: Sequence[Array], template: FieldTemplate, model: ProjectionModel
+    theta: Array, curves: Sequence[Array], template: FieldTemplate, model: ProjectionModel, *, is_refined: bool = False
 ) -> tuple[Array, Indices]:
     """Length (B,) of the seen curves that lie on an arc of the field under each camera (B, P), pixels, and how many
-    arcs (B,) were seen.
+    arcs (B,) were seen; on its circles too under cameras that were moved onto them.
     """
-    length, seen = np.zeros(len(theta)), np.zeros((len(theta), len(template.arcs)), np.bool_)
-    for points, share in zip(curves, _share_on_arcs(theta, curves, template, model), strict=True):
-        on = share >= ON_ARC_SHARE
+    first = 0 if is_refined else len(template.circles)
+    length, seen = np.zeros(len(theta)), np.zeros((len(theta), len(curves_of(template)) - first), np.bool_)
+    reach = REFINED_SHARE if is_refined else 1.0
+    near = _lie_near_rings(theta, curves, template, model, reach)
+    for points, (share, _) in zip(curves, near, strict=True):
+        on = share[:, first:] >= ON_ARC_SHARE
         length += on.any(axis=1) * extent(points)
         seen |= on
     return length, seen.sum(axis=1)
 
 
-def _share_on_arcs(
-    theta: Array, curves: Sequence[Array], template: FieldTemplate, model: ProjectionModel
-) -> Iterator[Array]:
-    """For each seen curve, pixels (N, 2), the share (B, A) of it that lies near where each camera (B, P) puts each arc
-    of the field.
+def _lie_near_rings(
+    theta: Array, curves: Sequence[Array], template: FieldTemplate, model: ProjectionModel, reach: float = 1.0
+) -> Iterator[tuple[Array, Array]]:
+    """For each seen curve, pixels (N, 2), the share (B, A) of it that lies near where each camera (B, P) puts each
+    circle and each arc of the field, within a share of the usual distance, and its mean distance from there (B, A).
     """
-    first, count = len(template.circles), len(template.arcs)
-    rings = template.outlines[1][first : first + count]
+    circle_count, count = len(template.circles), len(curves_of(template))
+    rings = template.outlines[1][circle_count:count]
     seen = project(theta, rings.reshape(1, -1, 2), model)
     places = np.where(seen.visible[..., None], seen.pixels, np.nan).reshape(len(theta), *rings.shape)
     # nearest place, and half a step between two places at most beside it
     step = np.nan_to_num(np.linalg.norm(np.diff(places, axis=2), axis=-1)).max(axis=2, initial=0.0)
-    reach = ON_ARC_PX * model.width / 1920.0 + step[..., None] / 2
+    reach_px = np.full((len(theta), count, 1), reach * ON_ARC_PX * model.width / 1920.0)
+    reach_px[:, circle_count:] += step[..., None] / 2
+    back = np.asarray(np.linalg.inv(homographies(theta, model)), np.float64)[:, None]
+    circles = circle_conics(template.circles, template)
     for points in curves:
         off = np.linalg.norm(points[:, None] - places[:, :, None], axis=-1)
-        nearest = np.where(np.isfinite(off), off, np.inf).min(axis=3, initial=np.inf)
-        yield np.asarray((nearest < reach).mean(axis=2))
+        of_arcs = np.where(np.isfinite(off), off, np.inf).min(axis=3, initial=np.inf)
+        of_circles = np.abs(distances_from_circles(back, circles, points))
+        nearest = np.concatenate([of_circles, of_arcs], axis=1)
+        yield np.asarray((nearest < reach_px).mean(axis=2)), np.asarray(nearest.mean(axis=2))
 
 
 def find_arc(points: Array, theta: Array, template: FieldTemplate, model: ProjectionModel) -> str | None:
-    """Name of the arc that nearly all pixels (N, 2) of a seen curve lie near under a camera (P,); None where there is
-    none.
+    """Name of the circle or arc that nearly all pixels (N, 2) of a seen curve lie near under a camera (P,), the nearest
+    one; None where there is none.
     """
-    if not template.arcs or len(points) < 2:
+    curves = curves_of(template)
+    if not curves or len(points) < 2:
         return None
-    share = next(_share_on_arcs(theta[None], [points], template, model))[0]
-    best = int(share.argmax())
-    return template.arcs[best].name if share[best] >= ON_ARC_SHARE else None
+    share, off = next(_lie_near_rings(theta[None], [points], template, model))
+    off = np.where(share[0] >= ON_ARC_SHARE, off[0], np.inf)
+    return curves[int(off.argmin())].name if np.isfinite(off).any() else None

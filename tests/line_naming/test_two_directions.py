@@ -138,3 +138,14 @@ def test_where_the_lens_bends_nearly_parallel_lines_the_level_camera_names_them(
     assert len(best.names) >= 5 and all(names[k] == name for k, name in best.names.items())
     assert best.theta[POSITION] == pytest.approx([-38.0, 59.0, -10.6], abs=12.0)
     assert not propose_cameras(bent[:3], (), SOCCER, MODEL, "main", 3)
+
+
+def test_a_seen_part_of_the_centre_circle_is_explained_by_it():
+    """Where a wide view shows it beside a penalty area: it is no penalty arc at the other end."""
+    camera = penalty_area_camera(-1.0, 65.0, -17.0, (-24.0, -4.0, 0.0), 1700.0)
+    names, segments = see(camera, LEFT + OUTSIDE, np.random.default_rng(3), 1.0)
+    circle = SOCCER.circle_by_name["centre_circle"]
+    arc = camera.project(SOCCER.curve_points(circle, "center", np.radians(np.linspace(120.0, 240.0, 60))))
+    best = propose_cameras(segments, (arc,), SOCCER, MODEL, "main", 3)[0]
+    assert all(names[k] == name for k, name in best.names.items())
+    assert find_arc(arc, best.theta, SOCCER, MODEL) == "centre_circle"
