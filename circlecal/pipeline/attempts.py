@@ -59,7 +59,7 @@ def measure(
         with setting.clock("mask"):
             refusal = None
             if marking is None:
-                marking, refusal = _find_marking(setting, scene, ruled_out)
+                marking, refusal = find_marking_once(setting, scene, ruled_out)
             attempt = replace(attempt, mask=marking)
         if refusal is not None:
             raise refusal
@@ -91,7 +91,7 @@ def measure(
     return attempt
 
 
-def _find_marking(
+def find_marking_once(
     setting: Setting, scene: Scene, ruled_out: tuple[Interpretation, ...]
 ) -> tuple[MarkingMask, EstimationError | None]:
     """Where the markings are, looked for once with the same options, and why that is not enough."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from circlecal.observations import Observations, join_observations
 from circlecal.paint.profiles import estimate_noise
 from circlecal.pipeline.attempts import add_checks, estimate, take_observations
 from circlecal.pipeline.curves import measure_curves, replace_curves
+from circlecal.pipeline.other_circles import masks_without_circle
 from circlecal.pipeline.refinements import Retry, is_less_uncertain
 from circlecal.pipeline.setting import Scene, Setting, lighten_markings
 from circlecal.pipeline.size_by_circle import HALF_CIRCLE, find_size_by_circle, misses_circle
@@ -69,11 +71,13 @@ def _shows_field_lines(setting: Setting, first: Attempt) -> bool:
 
 def take_field_lines(setting: Setting, scene: Scene, first: Attempt) -> Iterator[Attempt]:
     """The attempt, where it calibrates, with the straight markings and arcs that together look like a part of the
-    field, without the circle.
+    field: those beside the circle that was refused, then those that are seen where nothing is taken for it.
     """
-    attempt = None if first.mask is None else calibrate_by_lines(setting, scene, first.mask)
-    if attempt is not None:
-        yield replace(attempt, mask=first.mask)
+    beside = () if first.mask is None else (first.mask,)
+    for mask in chain(beside, masks_without_circle(setting, scene, first)):
+        attempt = calibrate_by_lines(setting, scene, mask)
+        if attempt is not None:
+            yield replace(attempt, mask=mask)
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,7 +166,8 @@ def _fit_naming(
     draft = _calibrate_field_lines(setting, scene, mask, observations, RoughCamera(theta), is_draft=True)
     if draft.camera is None or _is_hopeless(draft):
         return draft
-    found = measure_curves(setting, picture, draft.camera, setting.template.arcs, noise, scene.covered)
+    curves = (setting.circle, *setting.template.arcs)
+    found = measure_curves(setting, picture, draft.camera, curves, noise, scene.covered)
     tried = [replace_curves(observations, found)] if found else []
     for seen in (*tried, observations):
         attempt = _calibrate_field_lines(setting, scene, mask, seen, draft.camera)

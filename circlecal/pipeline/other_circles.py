@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from circlecal.geometry.ellipses import encloses
+from circlecal.pipeline.attempts import find_marking_once
 from circlecal.pipeline.refinements import Retry, calibrate_scene
 from circlecal.pipeline.setting import Scene, Setting
 from circlecal.refusals import REFUSALS
@@ -35,6 +36,21 @@ def interpret_otherwise(setting: Setting, scene: Scene, first: Attempt) -> Itera
         ruled_out = (*ruled_out, Interpretation(mask.conic, mask.halfway))
         attempt = calibrate_scene(setting, scene, ruled_out)
         yield attempt
+
+
+def masks_without_circle(setting: Setting, scene: Scene, first: Attempt) -> Iterator[MarkingMask]:
+    """What the picture shows where nothing is taken for the circle: of a refused one, lines and arcs are the detector's
+    own again. None where it finds one circle after the other.
+    """
+    mask = first.mask
+    if mask is None or mask.conic is None or not _may_be_another_circle(setting, first):
+        return
+    ruled_out: tuple[Interpretation, ...] = ()
+    while mask.conic is not None and len(ruled_out) < MOST_INTERPRETATIONS:
+        ruled_out = (*ruled_out, Interpretation(mask.conic, mask.halfway))
+        mask, _ = find_marking_once(setting, scene, ruled_out)
+    if mask.conic is None:
+        yield mask
 
 
 def _is_better_circle(setting: Setting, first: Attempt, other: Attempt) -> bool:

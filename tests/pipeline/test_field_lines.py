@@ -1,13 +1,14 @@
 """Straight markings alone: the same ones are not tried twice."""
 
 from contextlib import nullcontext
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from circlecal.observations import CirclePoints, Observations
-from circlecal.pipeline import field_lines
+from circlecal.pipeline import field_lines, other_circles
 from circlecal.pipeline.setting import Looks
 from circlecal.results import Attempt, Check, MarkingMask, Segment, Verdict
 
@@ -64,7 +65,7 @@ def fit_naming(monkeypatch, answers, arcs):
     found = {name: CirclePoints(name, "center", np.zeros((3, 2)), np.ones(3)) for name in arcs}
     monkeypatch.setattr(field_lines, "_calibrate_field_lines", calibrate)
     monkeypatch.setattr(field_lines, "measure_curves", lambda *_: found)
-    setting = SimpleNamespace(template=SimpleNamespace(arcs=()))
+    setting = SimpleNamespace(template=SimpleNamespace(arcs=()), circle=None)
     scene = SimpleNamespace(covered=None)
     attempt = field_lines._fit_naming(
         setting, scene, see_lines(), np.zeros((9, 9), np.uint8), Observations(9, 9), ROUGH, 1.0
@@ -124,3 +125,24 @@ def test_a_camera_that_misses_a_circle_in_plain_view_is_no_answer(monkeypatch):
     monkeypatch.setattr(field_lines, "_add_curves", lambda *given: None)
     monkeypatch.setattr(field_lines, "misses_circle", lambda camera, *given: camera.name == "missing")
     assert list(field_lines._try_namings(setting, scene, see_lines())) == [right]
+
+
+def test_lines_are_read_anew_where_a_refused_circle_had_taken_some(tries, monkeypatch):
+    """Nothing is taken for a circle then."""
+    setting, scene = SimpleNamespace(), SimpleNamespace(looks=Looks())
+    one, other = np.diag([1.0, 1.0, -1.0]), np.diag([1.0, 2.0, -1.0])
+    masks = iter([replace(see_lines(0.1), conic=other), see_lines(0.2)])
+    asked = []
+
+    def find(setting, scene, ruled_out):
+        asked.append(len(ruled_out))
+        return next(masks), None
+
+    monkeypatch.setattr(other_circles, "find_marking_once", find)
+    refused = Verdict("refused", "mirrored", "the field would be seen mirrored", "verdict")
+    first = Attempt(mask=replace(see_lines(), conic=one), verdict=refused)
+    taken = [attempt.mask for attempt in field_lines.take_field_lines(setting, scene, first)]
+    assert asked == [1, 2]
+    assert [mask.conic is None for mask in taken] == [False, True]
+    sure = replace(first, verdict=Verdict("refused", "too_uncertain", "", "verdict"))
+    assert len([*field_lines.take_field_lines(setting, scene, sure)]) == 1
