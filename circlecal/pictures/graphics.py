@@ -148,7 +148,7 @@ def _has_hue(colour: NDArray[np.float64]) -> bool:
 
 def _are_alike(values: NDArray[np.floating], colour: NDArray[np.float64]) -> Mask:
     """Which colours (..., 3) are one colour (3,), lighter or darker."""
-    along = values @ (colour / np.linalg.norm(colour))
+    along = values @ (colour / max(float(np.linalg.norm(colour)), 1e-9))  # nothing is like black
     return np.asarray(along > LEAST_ALIKE * np.linalg.norm(values, axis=-1))
 
 
