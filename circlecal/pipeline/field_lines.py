@@ -125,23 +125,35 @@ def _try_namings(setting: Setting, scene: Scene, mask: MarkingMask) -> Iterator[
         noise = estimate_noise(picture)
         namings = observe_field_lines(picture, mask, noise, template, cues.search_px, cues.spacing_px, side)
     for observations, theta in namings:
-        attempt = _fit_naming(setting, scene, mask, picture, observations, theta, noise)
-        camera, seen = attempt.camera, attempt.observations
-        if not attempt.is_calibrated or camera is None or seen is None or attempt.verdict is None:
-            continue
-        with setting.clock("verdict"):
-            used = carriers(seen, camera)
-            agreement = look_for_markings(picture, camera, template, circle, used, mask.field_region, used)
-            verdict = confirm_field_lines(attempt.verdict, camera, used, agreement, template)
-            if verdict.status == "calibrated":
-                evidence = measure_evidence(picture, mask, camera, template, used)
-                ground = measure_surroundings(picture, mask, camera, template, scene.covered, scene.image)
-                verdict = weigh_evidence(verdict, camera, evidence, ground, template, agreement)
-        if verdict.status == "calibrated":
-            accepted = replace(attempt, verdict=verdict)
-            accepted = _add_curves(setting, scene, picture, accepted, noise) or accepted
-            if accepted.camera is None or not misses_circle(accepted.camera, template, circle, HALF_CIRCLE):
+        for attempt in _fit_naming(setting, scene, mask, picture, observations, theta, noise):
+            accepted = _accept(setting, scene, mask, picture, attempt, noise)
+            if accepted is not None:
                 yield accepted
+                break
+
+
+def _accept(
+    setting: Setting, scene: Scene, mask: MarkingMask, picture: NDArray[np.uint8], attempt: Attempt, noise: float
+) -> Attempt | None:
+    """A calibrated attempt that the picture confirms, with the curves that its camera finds; None for any other."""
+    template, circle = setting.template, setting.circle
+    camera, seen = attempt.camera, attempt.observations
+    if not attempt.is_calibrated or camera is None or seen is None or attempt.verdict is None:
+        return None
+    with setting.clock("verdict"):
+        used = carriers(seen, camera)
+        agreement = look_for_markings(picture, camera, template, circle, used, mask.field_region, used)
+        verdict = confirm_field_lines(attempt.verdict, camera, used, agreement, template)
+        if verdict.status == "calibrated":
+            evidence = measure_evidence(picture, mask, camera, template, used)
+            ground = measure_surroundings(picture, mask, camera, template, scene.covered, scene.image)
+            verdict = weigh_evidence(verdict, camera, evidence, ground, template, agreement)
+    if verdict.status != "calibrated":
+        return None
+    accepted = replace(attempt, verdict=verdict)
+    accepted = _add_curves(setting, scene, picture, accepted, noise) or accepted
+    misses = accepted.camera is not None and misses_circle(accepted.camera, template, circle, HALF_CIRCLE)
+    return None if misses else accepted
 
 
 def _keeps(attempt: Attempt, name: str) -> bool:
@@ -158,25 +170,28 @@ def _fit_naming(
     observations: Observations,
     theta: Array,
     noise: float,
-) -> Attempt:
-    """The attempt with named lines, from the rough camera (P,) that their names imply, and with the arcs measured where
-    a draft of its camera puts them instead of traced, where these calibrate; without the marking that it explains
-    worst, where that mends it.
+) -> Iterator[Attempt]:
+    """Attempts with named lines, from the rough camera (P,) that their names imply: with the arcs measured where a
+    draft of its camera puts them instead of traced, where these calibrate, and without the marking that it explains
+    worst, where that mends it; then with the circle measured there, too, which few lines need.
     """
     draft = _calibrate_field_lines(setting, scene, mask, observations, RoughCamera(theta), is_draft=True)
     if draft.camera is None or _is_hopeless(draft):
-        return draft
+        return
     curves = (setting.circle, *setting.template.arcs)
     found = measure_curves(setting, picture, draft.camera, curves, noise, scene.covered)
-    tried = [replace_curves(observations, found)] if found else []
+    arcs = {name: seen for name, seen in found.items() if name != setting.circle.name}
+    tried = [replace_curves(observations, arcs)] if arcs else []
     for seen in (*tried, observations):
         attempt = _calibrate_field_lines(setting, scene, mask, seen, draft.camera)
         if attempt.is_calibrated:
-            return attempt
-    if attempt.code != "residual_too_large" or attempt.camera is None:
-        return attempt
-    # the edge of a board beside a line, say
-    return _calibrate_field_lines(setting, scene, mask, without_worst_marking(observations, attempt.camera))
+            break
+    if attempt.code == "residual_too_large" and attempt.camera is not None:
+        # the edge of a board beside a line, say
+        attempt = _calibrate_field_lines(setting, scene, mask, without_worst_marking(observations, attempt.camera))
+    yield attempt
+    if setting.circle.name in found:
+        yield _calibrate_field_lines(setting, scene, mask, replace_curves(observations, found), draft.camera)
 
 
 def _is_hopeless(draft: Attempt) -> bool:

@@ -65,12 +65,12 @@ def fit_naming(monkeypatch, answers, arcs):
     found = {name: CirclePoints(name, "center", np.zeros((3, 2)), np.ones(3)) for name in arcs}
     monkeypatch.setattr(field_lines, "_calibrate_field_lines", calibrate)
     monkeypatch.setattr(field_lines, "measure_curves", lambda *_: found)
-    setting = SimpleNamespace(template=SimpleNamespace(arcs=()), circle=None)
+    setting = SimpleNamespace(template=SimpleNamespace(arcs=()), circle=SimpleNamespace(name="centre_circle"))
     scene = SimpleNamespace(covered=None)
-    attempt = field_lines._fit_naming(
+    attempts = field_lines._fit_naming(
         setting, scene, see_lines(), np.zeros((9, 9), np.uint8), Observations(9, 9), ROUGH, 1.0
     )
-    return attempt, fits
+    return list(attempts), fits
 
 
 def answer(code, *checks):
@@ -79,24 +79,31 @@ def answer(code, *checks):
 
 def test_names_that_fail_by_far_are_not_fitted_in_earnest(monkeypatch):
     far = answer("too_uncertain", Check.of("sigma_px", 250.0, 64.0))
-    attempt, fits = fit_naming(monkeypatch, [far], ["penalty_arc_left"])
-    assert attempt is far
+    attempts, fits = fit_naming(monkeypatch, [far], ["penalty_arc_left"])
+    assert attempts == []
     assert fits == [([], True)]
 
 
 def test_arcs_are_measured_along_a_draft_and_left_out_where_they_do_not_calibrate(monkeypatch):
     near = answer("too_uncertain", Check.of("sigma_px", 80.0, 64.0))
     right = answer(None)
-    attempt, fits = fit_naming(monkeypatch, [near, right], ["penalty_arc_left"])
-    assert attempt is right
+    attempts, fits = fit_naming(monkeypatch, [near, right], ["penalty_arc_left"])
+    assert attempts == [right]
     assert fits == [([], True), (["penalty_arc_left"], False)]
-    attempt, fits = fit_naming(monkeypatch, [near, near, right], ["penalty_arc_left"])
-    assert attempt is right
+    attempts, fits = fit_naming(monkeypatch, [near, near, right], ["penalty_arc_left"])
+    assert attempts == [right]
     assert fits[1:] == [(["penalty_arc_left"], False), ([], False)]
     off = answer("residual_too_large")
-    attempt, fits = fit_naming(monkeypatch, [near, off, right], [])
-    assert attempt is right
+    attempts, fits = fit_naming(monkeypatch, [near, off, right], [])
+    assert attempts == [right]
     assert len(fits) == 3
+
+
+def test_the_circle_is_measured_along_a_draft_where_lines_and_arcs_are_too_few(monkeypatch):
+    near, few, right = answer("too_uncertain"), answer(None), answer(None)
+    attempts, fits = fit_naming(monkeypatch, [near, few, right], ["centre_circle", "penalty_arc_left"])
+    assert attempts == [few, right]
+    assert fits[1:] == [(["penalty_arc_left"], False), (["centre_circle", "penalty_arc_left"], False)]
 
 
 def test_a_camera_that_misses_a_circle_in_plain_view_is_no_answer(monkeypatch):
@@ -119,7 +126,7 @@ def test_a_camera_that_misses_a_circle_in_plain_view_is_no_answer(monkeypatch):
         monkeypatch.setattr(field_lines, name, lambda *given: None)
     monkeypatch.setattr(field_lines, "carriers", lambda seen, camera: frozenset())
     monkeypatch.setattr(field_lines, "observe_field_lines", lambda *given: [(Observations(9, 9), ROUGH)] * 2)
-    monkeypatch.setattr(field_lines, "_fit_naming", lambda *given: next(attempts))
+    monkeypatch.setattr(field_lines, "_fit_naming", lambda *given: iter([next(attempts)]))
     monkeypatch.setattr(field_lines, "confirm_field_lines", lambda verdict, *given: verdict)
     monkeypatch.setattr(field_lines, "weigh_evidence", lambda verdict, *given: verdict)
     monkeypatch.setattr(field_lines, "_add_curves", lambda *given: None)
