@@ -69,6 +69,14 @@ PATIENCE = 12
 
 
 @dataclass(frozen=True, slots=True)
+class KnownHead:
+    """A head (3,) that is known, and the way (2,) of the picture while the shutter was open where that is."""
+
+    head: Array
+    blur_px: Array | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class _Kept:
     """A frame that may be followed backwards: its picture, and how the corners of the frame before moved into it."""
 
@@ -120,8 +128,8 @@ class Follower:
     config, template, clock : Config, FieldTemplate, StageClock
         Options, the field, and what is told how long the stages take.
     heads : mapping, optional
-        Heads (3,) of the first camera that are known, by the numbers of their frames: a camera that is lost is looked
-        for there, and not searched for anywhere.
+        Heads of the first camera that are known, by the numbers of their frames: a camera that is lost is looked for
+        there, and not searched for anywhere.
     """
 
     def __init__(
@@ -130,7 +138,7 @@ class Follower:
         config: Config,
         template: FieldTemplate,
         clock: StageClock,
-        heads: Mapping[int, Array] | None = None,
+        heads: Mapping[int, KnownHead] | None = None,
     ) -> None:
         self._venue, self._config, self._template, self._clock, self._heads = venue, config, template, clock, heads
         self._places: dict[tuple[int, int], list[Place]] = {}
@@ -342,7 +350,8 @@ class Follower:
         for seen in pictures:
             best: tuple[Place, Look] | None = None
             for place in self._places_of(seen.size) if seen.grass_share >= LEAST_GRASS else ():
-                look = place.find(seen) if self._heads is None else place.confirm(seen, self._heads[entry.index])
+                known = None if self._heads is None else self._heads[entry.index]
+                look = place.find(seen) if known is None else place.confirm(seen, known.head, known.blur_px)
                 if look is not None and (best is None or look.measured.painted.sum() > best[1].measured.painted.sum()):
                     best = place, look
             if best is not None:

@@ -53,6 +53,17 @@ class HeadPath:
         turn = SHUTTER * period_s * self._curve.derivative()(time_s)
         return move_of_middle(turn, self.at(time_s), tripod.model, tripod.mean)
 
+    def blur_at_gap(self, time_s: float, tripod: TripodEstimate, period_s: float) -> Array | None:
+        """Way (2,) of the picture while the shutter is open in the frame of a time on one side of a gap, as the head
+        turned between it and its nearest neighbour; None where that is not near.
+        """
+        away_s = np.abs(self.times_s - time_s)
+        here, neighbour = np.argsort(away_s, kind="stable")[:2]
+        if away_s[neighbour] >= NEAR_S:
+            return None
+        turn = (self.heads[neighbour] - self.heads[here]) / (self.times_s[neighbour] - self.times_s[here])
+        return move_of_middle(SHUTTER * period_s * turn, self.heads[here], tripod.model, tripod.mean)
+
     def times_between(self) -> list[float]:
         """Times between those of frames near each other, evenly."""
         gaps = [(a, b) for a, b in pairwise(self.times_s) if b - a < NEAR_S]

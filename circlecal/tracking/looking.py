@@ -276,11 +276,13 @@ class Place:
         turn = FOUND_SD_PX * self.unit / np.exp(head[0])
         return np.diag(np.array([FOUND_SD_ZOOM, turn, turn]) ** 2)
 
-    def confirm(self, picture: LookedAt, head: Array) -> Look | None:
-        """Look where the head should be; None where the paint does not confirm it."""
+    def confirm(self, picture: LookedAt, head: Array, blur_px: Array | None = None) -> Look | None:
+        """Look where the head should be, in a picture that moved so far (2,) while the shutter was open; None where the
+        paint does not confirm it.
+        """
         spread = self.proposal_covariance(head)
-        look = self.look(picture, head, spread)
-        look = self.look(picture, look.fit.head, spread / 16.0, look.fit.by_common)
+        look = self.look(picture, head, spread, None, blur_px)
+        look = self.look(picture, look.fit.head, spread / 16.0, look.fit.by_common, blur_px)
         return look if look.is_confirmed else None
 
     def find(self, picture: LookedAt) -> Look | None:

@@ -160,7 +160,7 @@ def _pieces(drawn: DrawnTemplate, tripod: TripodEstimate) -> _Pieces:
         marking += [k] * count
         share.append(np.linspace(0.0, 1.0, count))
     index = np.array(marking)
-    places = grow_places(drawn, index, drawn.places(index, np.concatenate(share)), theta)
+    places = grow_places(drawn, index, drawn.places(index, np.concatenate(share), theta), theta)
     return _Pieces(tripod.surface.lift(places).T.astype(np.float32), np.diff(index) == 0)
 
 

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from circlecal.config import Config
 from circlecal.rig.tripod import Venue
+from circlecal.synthetic.optics import motion_kernel
 from circlecal.tracking import follower
 from circlecal.tracking.clip import track_frames
 from circlecal.tracking.clock import StageClock
 from circlecal.tracking.entry import ClipFrame
 from circlecal.tracking.first_look import suit_tracking
-from circlecal.tracking.follower import Follower
+from circlecal.tracking.follower import Follower, KnownHead
+from circlecal.tracking.frame_paint import HeadedFrame
+from circlecal.tracking.head_path import HeadPath
 from circlecal.tracking.looking import Place
 from circlecal.tracking.results import TrackedFrame
+from circlecal.tracking.seen_paint import MeasuredFrame
 from tests.tracking.scenes import HEAD, SIZE, draw, template, tripod
 
 STEP = np.array([0.0, 0.002, 0.0])
@@ -74,8 +79,36 @@ def test_known_heads_on_both_sides_of_a_cut_are_followed_without_a_search(
     monkeypatch.setattr(Place, "find", search)
     crowd = np.random.default_rng(2).integers(0, 255, (SIZE[1], SIZE[0], 3)).astype(np.uint8)
     clip = [*pictures[:2], crowd, *pictures[2:]]
-    known = {0: HEAD, len(clip) - 1: HEAD + (PITCH - 1) * STEP}
+    known = {0: KnownHead(HEAD), len(clip) - 1: KnownHead(HEAD + (PITCH - 1) * STEP)}
     config = suit_tracking(Config(), None)
     followed = Follower(Venue("soccer", (tripod(),)), config, template(), StageClock(), known)
     entries = [followed.follow(ClipFrame(k, k / 25.0, picture)) for k, picture in enumerate(clip)]
     assert [entry.is_confirmed for entry in entries] == [True, True, False, True, True]
+
+
+def test_what_a_known_pan_smears_is_not_expected_where_a_known_head_is_looked_for(
+    pictures: list[NDArray[np.uint8]],
+) -> None:
+    way = np.array([45.0, 0.0])
+    smeared = np.asarray(cv2.filter2D(pictures[0], -1, motion_kernel(float(way[0]), 0.0)), np.uint8)
+    config = suit_tracking(Config(), None)
+    untold, told = (
+        Follower(Venue("soccer", (tripod(),)), config, template(), StageClock(), {0: KnownHead(HEAD, blur)}).follow(
+            ClipFrame(0, 0.0, smeared)
+        )
+        for blur in (None, way)
+    )
+    assert told.is_confirmed
+    assert told.painted > 36
+    assert told.expected < untold.expected - 10
+
+
+def test_how_smeared_a_frame_beside_a_gap_is_its_neighbour_tells() -> None:
+    turned = np.array([0.0, 0.01, 0.0])
+    seen = MeasuredFrame.unseen(np.zeros(1, np.int_))
+    times = (0.0, 0.1, 0.9, 2.0)
+    path = HeadPath.of([HeadedFrame(f"{t:.3f}", HEAD + (t > 0.05) * turned, seen) for t in times])
+    blur = path.blur_at_gap(0.1, tripod(), 0.04)
+    assert blur is not None
+    assert abs(blur[0]) == pytest.approx(0.5 * 0.04 / 0.1 * 0.01 * 1500.0, rel=0.1)
+    assert path.blur_at_gap(0.9, tripod(), 0.04) is None

@@ -21,7 +21,7 @@ from circlecal.tracking.head_fit import HeadFit
 from circlecal.tracking.head_path import HeadPath
 from circlecal.tracking.looking import Look, LookedAt, Place
 from circlecal.tracking.markings import place_markings, template_curves
-from circlecal.tracking.seen_paint import UNDER_SMEAR_BIAS_PX, MeasuredFrame
+from circlecal.tracking.seen_paint import BESIDE_BIAS_PX, MeasuredFrame
 from circlecal.tracking.tripod_fit import common_priors
 from tests.tracking.scenes import HEAD, SIZE, draw, measure_ideal, template, tripod, views_of_a_pitch
 
@@ -90,7 +90,7 @@ def test_ends_of_lines_are_doubtful_where_a_goal_line_is_smeared_over_them(way_p
     theta = true.model.thetas(HEAD[None], true.mean)[0]
     away, _ = residuals_of(measured, drawn, theta, true.model.projection)
     along = measured.marking == drawn.names.index("big_rect_left_bottom")
-    doubtful = measured.bias_px >= UNDER_SMEAR_BIAS_PX * SIZE[0] / 1920.0
+    doubtful = measured.bias_px >= BESIDE_BIAS_PX * SIZE[0] / 1920.0
     assert np.abs(away[along & doubtful]).max() > 0.3
     assert np.count_nonzero(along & ~doubtful) > 15
     assert np.abs(away[along & ~doubtful]).max() < 0.15

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
-from circlecal.geometry.camera_parameters import INDEX, project
+from circlecal.field.view import FieldView
+from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, project
+from circlecal.synthetic.optics import motion_kernel
 from circlecal.tracking.frame_paint import residuals_of
 from circlecal.tracking.markings import Places, grow_places, place_markings, template_curves
 from circlecal.tracking.one_line import keep_one_line
-from circlecal.tracking.seen_paint import measure_markings
+from circlecal.tracking.seen_paint import BESIDE_BIAS_PX, measure_markings
 from tests.tracking.scenes import HEAD, measure_ideal, template, tripod
 
 
@@ -67,6 +70,29 @@ def test_circles_bend_in_the_picture_as_their_places_do_and_lines_do_not() -> No
     np.testing.assert_allclose(told[is_flat], exact[is_flat], rtol=0.06)
 
 
+@pytest.mark.parametrize("growth_m", [(0.0, 0.0), (-13.0, -9.0), (4.0, 6.0)])
+def test_markings_end_where_a_field_of_another_size_ends(growth_m: tuple[float, float]) -> None:
+    drawn, camera = template_curves(template()), tripod()
+    sized = FieldView(camera.view(HEAD, np.zeros((3, 3))).camera, growth_m=np.array(growth_m)).markings(template())
+    theta = np.zeros(len(PARAMETERS))
+    theta[[INDEX["length"], INDEX["breadth"]]] = growth_m
+    for number, name in enumerate(drawn.names):
+        marking = np.full(2, number)
+        ends = grow_places(drawn, marking, drawn.places(marking, np.array([0.0, 1.0]), theta), theta)
+        np.testing.assert_allclose(ends, sized[name][[0, -1]], atol=1e-9)
+
+
+def test_places_are_looked_for_up_to_the_end_of_the_field_as_it_is() -> None:
+    drawn, camera = template_curves(template()), tripod()
+    theta = camera.model.thetas(HEAD[None] + np.array([-0.7, 0.35, 0.1]), camera.mean)[0]
+    on_halfway = drawn.names.index("halfway_line")
+    for broader_m in (-10.0, 0.0, 10.0):
+        theta[INDEX["breadth"]] = broader_m
+        places = place_markings(drawn, theta, camera.model.projection, 0.12)
+        nearest_m = places.field_m[places.marking == on_halfway, 1].max()
+        assert nearest_m == pytest.approx((template().width_m + broader_m) / 2.0, abs=1.5)
+
+
 def test_where_a_halfway_line_ends_moves_none_of_the_paint_on_it() -> None:
     # seen through a lens that bends it; as a share of the line, a place would slide along it
     drawn, camera = template_curves(template()), tripod()
@@ -110,3 +136,53 @@ def test_goals_hide_as_much_of_their_line_on_fields_of_any_width(broader_m: floa
     on_line = places.marking == drawn.names.index("side_line_left")
     grown = grow_places(drawn, places.marking[on_line], places.field_m[on_line], theta)
     assert 5.0 < np.abs(grown[:, 1]).min() < 5.7
+
+
+@pytest.mark.parametrize("way_px", [0.0, 30.0])
+def test_paint_beside_another_marking_is_doubtful_as_far_as_that_is_smeared(way_px: float) -> None:
+    # a line from left to right, and one that ends at its middle from above
+    along, down = np.arange(20.0, 400.0, 8.0), np.arange(22.0, 208.0, 8.0)
+    pixels = np.concatenate([np.column_stack([along, np.full_like(along, 210.0)]),
+                             np.column_stack([np.full_like(down, 212.0), down])])  # fmt: skip
+    is_level = np.arange(len(pixels)) < len(along)
+    normals = np.where(is_level[:, None], [0.0, 1.0], [1.0, 0.0])
+    count = len(pixels)
+    places = Places(
+        np.where(is_level, 0, 1), np.zeros((count, 2)), pixels, normals, np.full(count, 4.0), np.full(count, 50.0),
+        np.zeros(count), np.zeros((count, 1)),
+    )  # fmt: skip
+    picture = np.full((360, 640), 90, np.uint8)
+    picture[208:213] = 150
+    picture[:210, 210:215] = 150
+    picture = cv2.GaussianBlur(picture, (0, 0), 0.8)
+    if way_px:
+        picture = np.asarray(cv2.filter2D(picture, -1, motion_kernel(way_px, 0.0)), np.uint8)
+    seen, at = measure_markings(picture, places, np.full(count, 0.5), 1.0, 2, np.array([way_px, 0.0]))
+    doubtful = np.zeros(count, np.bool_)
+    doubtful[at] = seen.bias_px >= BESIDE_BIAS_PX
+    reached = np.abs(pixels[:, 0] - 212.0)
+    shown = np.isin(np.arange(count), at)
+    assert doubtful[is_level & shown & (reached < 4.0 + way_px / 2.0)].all()
+    assert not doubtful[is_level & shown & (reached > 30.0 + way_px / 2.0)].any()
+    assert np.count_nonzero(is_level & shown & ~doubtful) > 20
+
+
+def test_the_sharp_line_at_a_corner_is_not_the_smeared_one() -> None:
+    # a smeared line from above, whose lowest places show a line that is seen sharp
+    down = np.arange(24.0, 200.0, 8.0)
+    count = len(down)
+    pixels = np.column_stack([np.full(count, 300.0), down])
+    places = Places(
+        np.zeros(count, np.int_), np.zeros((count, 2)), pixels, np.tile([1.0, 0.0], (count, 1)), np.full(count, 4.0),
+        np.full(count, 50.0), np.zeros(count), np.zeros((count, 1)),
+    )  # fmt: skip
+    picture = np.full((360, 640), 90.0)
+    picture[:, 296:305] = 130.0
+    is_sharp = down > 180.0
+    picture[178:, 292:305] = 90.0
+    picture[178:, 300:303] = 150.0
+    gray = np.asarray(cv2.GaussianBlur(picture, (0, 0), 0.8), np.uint8)
+    _, at = measure_markings(gray, places, np.full(count, 0.5), 1.0, 1, np.array([6.0, 0.0]))
+    shown = np.isin(np.arange(count), at)
+    assert shown[down < 160.0].all()
+    assert not shown[is_sharp].any()
