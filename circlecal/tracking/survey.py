@@ -24,7 +24,7 @@ from circlecal.tracking.first_look import (
     look_through,
     suit_tracking,
 )
-from circlecal.tracking.frame_paint import HeadedFrame
+from circlecal.tracking.frame_paint import PART_M, HeadedFrame
 from circlecal.tracking.head_path import HeadPath
 from circlecal.tracking.looking import LEAST_PLACES, Look, LookedAt, Place
 from circlecal.tracking.markings import DrawnTemplate, template_curves
@@ -37,7 +37,7 @@ from circlecal.tracking.pitch import (
     search_length,
     search_width,
 )
-from circlecal.tracking.tripod_fit import TripodFit, fit_tripod, free_parameters, start_tripod
+from circlecal.tracking.tripod_fit import TripodFit, count_alike, fit_tripod, free_parameters, start_tripod
 from circlecal.tracking.tripod_problem import inverse_of_normal
 
 MOST_PICTURES, LEAST_STEP_S = 48, 0.2
@@ -327,6 +327,10 @@ def _loose_precision(tripod: TripodEstimate, sd: Array) -> Array:
 def _learn_beside(
     known: TripodEstimate, frames: list[HeadedFrame], start: TripodEstimate, drawn: DrawnTemplate
 ) -> TripodFit:
-    """The tripod from frames and from what is known of it from elsewhere."""
+    """The tripod from frames and from what is known of it from elsewhere, told as uncertain as frames that repeat one
+    error of the models leave it.
+    """
     sd = np.sqrt(np.diag(known.covariance))
-    return fit_tripod(frames, start, known.mean, sd, drawn, _loose_precision(known, sd))
+    precision = _loose_precision(known, sd)
+    alike = count_alike(fit_tripod(frames, start, known.mean, sd, drawn, precision))
+    return fit_tripod(frames, start, known.mean, sd, drawn, precision, alike=alike, parts_m=PART_M)
