@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import av
 import numpy as np
@@ -17,6 +18,8 @@ from circlecal.pictures.video import Sampling, Video
 from circlecal.pipeline import run_observations
 from circlecal.rig.tripod import Venue
 from circlecal.tracking import first_look, survey
+from circlecal.tracking.frame_paint import PART_M
+from circlecal.tracking.markings import template_curves
 from circlecal.tracking.stretches import ClipRun, survey_video
 from circlecal.tracking.survey import survey_clip
 from tests.tracking.scenes import HEAD, SIZE, draw, template, tripod
@@ -41,6 +44,18 @@ def test_what_is_known_of_a_camera_stays_known(monkeypatch: pytest.MonkeyPatch) 
     off = np.abs(found.mean[:3] - tripod().mean[:3])
     assert off.max() < 3.0 * 0.01
     assert (np.sqrt(np.diag(found.covariance)[:3]) < 3.0 * 0.01 + 1e-6).all()
+
+
+def test_what_all_frames_are_off_alike_does_not_make_a_known_camera_surer(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = []
+
+    def fit(*given: object, **options: float) -> SimpleNamespace:
+        calls.append(options)
+        return SimpleNamespace(heads=np.zeros((10, 3)), rms_px=np.full(10, 2.0), estimate=tripod())
+
+    monkeypatch.setattr(survey, "fit_tripod", fit)
+    survey._learn_beside(tripod(), [], tripod(), template_curves(template()))
+    assert calls == [{}, {"alike": 10.0, "parts_m": PART_M}]
 
 
 def test_tripods_in_one_place_are_one() -> None:
