@@ -69,6 +69,7 @@ def reading_failure(error: Exception) -> str:
 
 
 _PLAIN_WORDS = {
+    "extra_forbidden": "is unknown",
     "missing": "is missing",
     "model_type": "should be a mapping",
     "model_attributes_type": "should be a mapping",

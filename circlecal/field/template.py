@@ -499,5 +499,5 @@ def _read_field(path: Path, changed_ns: int, sizes: tuple[tuple[str, float], ...
         content = read_yaml(path)
     except YamlError as error:
         where = f", line {error.line}" if error.line else ""
-        raise ConfigError(f"{path}{where}: is not YAML: {error}") from error
+        raise ConfigError(f"{path}{where}: cannot be read: {error}") from error
     return template_from_mapping(content, str(path), dict(sizes))

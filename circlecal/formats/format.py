@@ -212,7 +212,8 @@ def _first_problem(error: ValidationError, path: Path, line: int | None, prefix:
     )
     message = explain_problem(first["type"], first["msg"])
     given = first["input"]
-    shown = f", not {json.dumps(given)[:60]}" if isinstance(given, str | int | float) and first["loc"] else ""
+    is_told = isinstance(given, str | int | float) and first["loc"] and first["type"] != "extra_forbidden"
+    shown = f", not {json.dumps(given)[:60]}" if is_told else ""
     return InputError(f"{path}{where}: {message}{shown}")
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from circlecal.camera.priors import SHARED, ZOOMED, SharedPrior, SharedPriorConfig
-from circlecal.errors import InputError
+from circlecal.errors import InputError, explain_problem
 from circlecal.field import FieldTemplate
 from circlecal.files import write_atomic
 from circlecal.geometry.camera_parameters import INDEX
@@ -213,7 +213,7 @@ def read_venue_file(path: Path) -> VenueFile:
         content = read_yaml(path)
     except YamlError as error:
         where = f", line {error.line}" if error.line else ""
-        raise InputError(f"{path}{where}: is not YAML: {error}; give a {VENUE_NAME}") from error
+        raise InputError(f"{path}{where}: cannot be read: {error}; give a {VENUE_NAME}") from error
     if not isinstance(content, dict) or "venue_version" not in content:
         raise InputError(f"{path}: is no venue: venue_version is missing; circlecal track and rig write {VENUE_NAME}")
     try:
@@ -221,8 +221,9 @@ def read_venue_file(path: Path) -> VenueFile:
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(str(part) for part in first["loc"])
-        words = first["msg"].removeprefix("Value error, ")
-        raise InputError(f"{path}: {where}{': ' * bool(where)}{words}") from error
+        raise InputError(
+            f"{path}: {where}{': ' * bool(where)}{explain_problem(first['type'], first['msg'])}"
+        ) from error
 
 
 def write_venue(path: Path, venue: Venue, template: FieldTemplate, config_digest: str | None = None) -> None:
