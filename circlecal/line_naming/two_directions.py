@@ -11,7 +11,9 @@ and place:
 So a pair of lines along the field under two names gives the height, and a pair across it gives it again: names under
 which both heights agree are hypotheses. Of a pair and one line the pair gives the height, and any name of the line is a
 hypothesis. All other lines, the arcs that were seen, and the lines that should be seen and are not, tell which of them
-is right. Nothing but arithmetic on whole arrays: pairs of pairs times pairs of names.
+is right. The best cameras are moved onto all that has a name under them (:mod:`circlecal.line_naming.view_refinement`),
+and then the centre circle counts as the arcs do. Nothing but arithmetic on whole arrays: pairs of pairs times pairs of
+names.
 """
 
 from __future__ import annotations

@@ -106,7 +106,7 @@ def _observations(
     template: FieldTemplate,
     model: ProjectionModel,
 ) -> Observations:
-    """The lines with their names, and the curves that are an arc under the naming's camera.
+    """The lines with their names, and the curves that are a circle or an arc under the naming's camera.
 
     A line that was named and is far too wide is none, so that nothing names it later.
     """
