@@ -301,9 +301,13 @@ def _rank(
     explained = (matches.marking >= 0) @ length
     order = np.argsort(-explained, kind="stable")[:KEPT]
     matches, theta = matches.take(order), theta[order]
-    refined = _refine(theta, matches, segments, curves, template, model)
+    shares = [share for share, _ in _lie_near_rings(theta, curves, template, model)]
+    refined = _refine(theta, matches, segments, curves, shares, template, model)
     matches = matches.join(_match(refined, segments, template, model, REFINED_SHARE))
-    arcs = _lie_on_arcs(theta, curves, template, model), _lie_on_arcs(refined, curves, template, model, is_refined=True)
+    # the circles count under the moved cameras alone
+    first = len(template.circles)
+    within = [share for share, _ in _lie_near_rings(refined, curves, template, model, REFINED_SHARE)]
+    arcs = _weigh_curves(curves, [s[:, first:] for s in shares], len(theta)), _weigh_curves(curves, within, len(theta))
     arc_px, arc_count = (np.concatenate(pair) for pair in zip(*arcs, strict=True))
     theta, explained = np.concatenate([theta, refined]), (matches.marking >= 0) @ length
     score = (explained + arc_px - MISSING_WEIGHT * _missing_px(theta, matches, template, model)) / model.width
@@ -324,13 +328,16 @@ def _refine(
     matches: _Matches,
     segments: Array,
     curves: Sequence[Array],
+    shares: Sequence[Array],
     template: FieldTemplate,
     model: ProjectionModel,
 ) -> Array:
-    """The cameras (B, P), moved onto the lines and curves that have a name under them."""
+    """The cameras (B, P), moved onto the lines and curves that have a name under them, of which the ``shares`` (B, A)
+    lie near each circle and arc.
+    """
     rings = np.full((len(theta), len(curves)), -1)
     points = np.zeros((len(curves), ARC_POINTS, 2))
-    for k, (share, _) in enumerate(_lie_near_rings(theta, curves, template, model)):
+    for k, share in enumerate(shares):
         rings[:, k] = np.where(share.max(axis=1, initial=0.0) >= ON_ARC_SHARE, share.argmax(axis=1), -1)
         points[k] = curves[k][np.linspace(0, len(curves[k]) - 1, ARC_POINTS).round().astype(int)]
     seen = SeenMarkings(segments, matches.marking, points, rings)
@@ -386,21 +393,16 @@ def _missing_px(theta: Array, matches: _Matches, template: FieldTemplate, model:
     return np.asarray(np.where(covered, 0.0, length).sum(axis=(1, 2)))
 
 
-def _lie_on_arcs(
-    theta: Array, curves: Sequence[Array], template: FieldTemplate, model: ProjectionModel, *, is_refined: bool = False
-) -> tuple[Array, Indices]:
-    """Length (B,) of the seen curves that lie on an arc of the field under each camera (B, P), pixels, and how many
-    arcs (B,) were seen; on its circles too under cameras that were moved onto them.
+def _weigh_curves(curves: Sequence[Array], shares: Sequence[Array], count: int) -> tuple[Array, Indices]:
+    """Length (B,), pixels, of the seen curves that lie on a circle or an arc of the field under each of ``count``
+    cameras, by the ``shares`` (B, A) of each that do, and on how many of these circles and arcs (B,) one was seen.
     """
-    first = 0 if is_refined else len(template.circles)
-    length, seen = np.zeros(len(theta)), np.zeros((len(theta), len(curves_of(template)) - first), np.bool_)
-    reach = REFINED_SHARE if is_refined else 1.0
-    near = _lie_near_rings(theta, curves, template, model, reach)
-    for points, (share, _) in zip(curves, near, strict=True):
-        on = share[:, first:] >= ON_ARC_SHARE
-        length += on.any(axis=1) * extent(points)
-        seen |= on
-    return length, seen.sum(axis=1)
+    length, seen = np.zeros(count), np.zeros(count, np.int_)
+    for points, share in zip(curves, shares, strict=True):
+        length += (share >= ON_ARC_SHARE).any(axis=1) * extent(points)
+    if shares:
+        seen = (np.stack(shares) >= ON_ARC_SHARE).any(axis=0).sum(axis=1)
+    return length, seen
 
 
 def _lie_near_rings(

@@ -66,11 +66,7 @@ def curves_of(template: FieldTemplate) -> tuple[Circle, ...]:
 
 def marking_lines(template: FieldTemplate) -> Array:
     """Straight markings as homogeneous lines (T, 3) of the field, ``a^2 + b^2 = 1``."""
-    drawn, _ = template.drawn_lines
-    span = drawn[:, 1] - drawn[:, 0]
-    direction = span / np.linalg.norm(span, axis=-1, keepdims=True)
-    across = np.stack([-direction[:, 1], direction[:, 0]], axis=-1)
-    return np.column_stack([across, -(across * drawn[:, 0]).sum(axis=-1)])
+    return np.array([template.line_coordinates(line) for line in template.lines]).reshape(-1, 3)
 
 
 def refine_views(
