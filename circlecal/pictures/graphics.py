@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.geometry.projective import Array, Mask
+from circlecal.geometry.projective import Array, Indices, Mask
 
 __all__ = ["Band", "cover_bands", "fill_bands", "find_bands", "lie_clear", "lie_under"]
 
@@ -326,19 +326,34 @@ def _find_level_edges(image: NDArray[np.uint8]) -> list[Band]:
     """
     width = image.shape[1]
     above, below = np.ascontiguousarray(image[:-2]), np.ascontiguousarray(image[2:])
-    alike = np.zeros((len(image) - 2, width), np.uint8)
-    for step in (cv2.subtract(below, above), cv2.subtract(above, below)):
+    rows = _find_stepping_rows(above, below)
+    above, below = above[rows], below[rows]
+    alike = np.zeros((len(rows), width), np.uint8)
+    for step in (cv2.subtract(below, above), cv2.subtract(above, below)) if len(rows) else ():
         large = cv2.threshold(step, LEAST_STEP, 1, cv2.THRESH_BINARY)[1]
         for channel in cv2.split(cv2.boxFilter(large, -1, (JOINED, 1), normalize=False)):
             alike = np.asarray(cv2.max(alike, channel), np.uint8)
     columns = alike > JOINED_SHARE * JOINED
-    rows = np.flatnonzero(np.count_nonzero(columns, axis=1) >= LEAST_LENGTH * width)
+    is_long = np.count_nonzero(columns, axis=1) >= LEAST_LENGTH * width
+    rows, columns = rows[is_long], columns[is_long]
     edges, reach = [], JOINED // 2
-    for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if len(rows) else ():
+    for run in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(rows) > 1) + 1) if len(rows) else ():
         seen = np.flatnonzero(columns[run].any(axis=0))
         left, right = max(int(seen[0]) - reach, 0), min(int(seen[-1]) + reach, width)
-        edges.append(Band(int(run[0]) + 1, int(run[-1]) + 1, left, right))
+        edges.append(Band(int(rows[run[0]]) + 1, int(rows[run[-1]]) + 1, left, right))
     return edges if len(edges) <= MOST_EDGES else []
+
+
+def _find_stepping_rows(above: NDArray[np.uint8], below: NDArray[np.uint8]) -> Indices:
+    """Rows of two thinned pictures (H, W, C) that differ in so many columns that an edge may run there: places that are
+    joined hold at least :data:`JOINED_SHARE` of columns that step, but for the columns joined at both ends.
+    """
+    most, *others = cv2.split(cv2.absdiff(below, above))
+    for channel in others:
+        most = cv2.max(most, channel)
+    large = cv2.threshold(most, LEAST_STEP, 1, cv2.THRESH_BINARY)[1]
+    count = cv2.reduce(large, 1, cv2.REDUCE_SUM, dtype=cv2.CV_32S)[:, 0]
+    return np.flatnonzero(count >= JOINED_SHARE * LEAST_LENGTH * large.shape[1] - JOINED)
 
 
 def _is_opposite(upper: Band, lower: Band, height: int) -> bool:
