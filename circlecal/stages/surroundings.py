@@ -139,7 +139,9 @@ def _are_coloured_alike(image_bgr: NDArray[np.uint8], field: Mask, size: tuple[i
     """
     if np.count_nonzero(field) < FEWEST_COLOURS:
         return np.ones(len(field), np.bool_)
-    cells = cv2.resize(image_bgr, size, interpolation=cv2.INTER_AREA)
+    # area averaging is several times as fast by two as by what is no whole number
+    half = cv2.resize(image_bgr, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    cells = cv2.resize(half, size, interpolation=cv2.INTER_AREA)
     colour = cv2.cvtColor(cells, cv2.COLOR_BGR2LAB).reshape(-1, 3)[:, 1:].astype(np.float64)
     low, high = np.percentile(colour[field], COLOUR_PERCENTILES, axis=0)
     return np.asarray(((colour >= low - COLOUR_LEVELS) & (colour <= high + COLOUR_LEVELS)).all(axis=1), np.bool_)
