@@ -247,17 +247,20 @@ class Candidates:
         """The line through the circle's middle, among the long straight markings, the short ones (``thorough``), and
         the ridge points that head there; in another paint than the circle's where none is in this one.
         """
-        halfway = self._find_in_paint(circle, self._segments, ruled_out)
-        if halfway is None and thorough:
-            halfway = self._find_in_paint(circle, self._shorter_segments(), ruled_out)
-        if halfway is None:
-            points, normals = self._scaling.full(self._raster.ridges.points), self._raster.ridges.normals
-            pieces = find_segments_through_middle(points, normals, circle, self._config.halfway.distance)
-            halfway = self._find_in_paint(circle, pieces, ruled_out)
-        if halfway is None and self._config.shared_halfway and self._is_white(circle):
-            for segments in (self._segments, pieces):
-                halfway = halfway or self._find_in_paint(circle, segments, ruled_out, is_any_paint=True)
-        return halfway
+        long, long_stranger = self._find_in_paint(circle, self._segments, ruled_out)
+        if long is not None:
+            return long
+        if thorough:
+            short, _ = self._find_in_paint(circle, self._shorter_segments(), ruled_out)
+            if short is not None:
+                return short
+        points, normals = self._scaling.full(self._raster.ridges.points), self._raster.ridges.normals
+        pieces = find_segments_through_middle(points, normals, circle, self._config.halfway.distance)
+        piece, piece_stranger = self._find_in_paint(circle, pieces, ruled_out)
+        if piece is not None:
+            return piece
+        stranger = long_stranger or piece_stranger
+        return stranger if stranger is not None and self._config.shared_halfway and self._is_white(circle) else None
 
     def _is_white(self, circle: MeasuredCircle) -> bool:
         """Whether a circle's paint adds to all three colours of its surface, as a soccer field's does: only across
@@ -275,24 +278,21 @@ class Candidates:
         return self._shorter
 
     def _find_in_paint(
-        self,
-        circle: MeasuredCircle,
-        segments: Array,
-        ruled_out: tuple[Interpretation, ...],
-        *,
-        is_any_paint: bool = False,
-    ) -> MeasuredLine | None:
-        """The first line through the circle's middle that is in the circle's paint, or in any."""
+        self, circle: MeasuredCircle, segments: Array, ruled_out: tuple[Interpretation, ...]
+    ) -> tuple[MeasuredLine | None, MeasuredLine | None]:
+        """The first line through the circle's middle that is in the circle's paint, and the first in any."""
         image, segments = self._picture.image_bgr, drop_ruled_out_segments(segments, ruled_out, self._width)
+        first = None
         for _ in range(MOST_LINES):
             line = find_halfway(self._picture.gray, circle, segments, self._config)
-            if line is None or is_any_paint or self._config.one_paint is False:
-                return line
+            first = first or line
+            if line is None or self._config.one_paint is False:
+                return line, first
             colours = (measure_paint_colour(image, marking.curve) for marking in (line, circle))
             if match_paint(*colours):
-                return line
+                return line, first
             segments = drop_segments_on(line.line, segments, self._width)
-        return None
+        return None, first
 
 
 def find_interpretations_of(ruled_out: tuple[Interpretation, ...], ellipse: EllipseBatch) -> tuple[Interpretation, ...]:
