@@ -23,8 +23,8 @@ from circlecal.observations import MarkingKey
 class CurvePoints:
     """N points on circles and straight lines, ready for the optimiser.
 
-    ``sigma_px``, ``origin``, ``direction`` and ``shift`` may run over a leading axis of B hypotheses about which line
-    is which; :func:`sample_feet` and the methods know one only.
+    ``points_px``, ``sigma_px``, ``origin``, ``direction`` and ``shift`` may run over a leading axis of B hypotheses
+    about which line is which; :func:`sample_feet` and the methods know one only.
 
     Attributes
     ----------
@@ -105,8 +105,8 @@ class CurvePoints:
 
     def hypotheses(self, index: Indices) -> CurvePoints:
         """Some of several hypotheses."""
-        chosen = {name: getattr(self, name)[index] for name in ("sigma_px", "origin", "direction", "shift")}
-        return replace(self, **chosen)
+        names = (*(("points_px",) if self.points_px.ndim > 2 else ()), "sigma_px", "origin", "direction", "shift")
+        return replace(self, **{name: getattr(self, name)[index] for name in names})
 
     def with_sigma(self, sigma_px: Array) -> CurvePoints:
         """These points with other standard deviations."""
@@ -345,9 +345,10 @@ def curve_residuals(
         M points that are seen in the same view, each along x and along y.
     """
     count = feet.shape[1]
-    observed = curves.points_px.T
+    observed = np.swapaxes(curves.points_px, -1, -2)
     if len(points.sigma_px):
-        observed = np.concatenate([observed, points.twice[1]], axis=1)
+        at_points = np.broadcast_to(points.twice[1], (*observed.shape[:-1], 2 * len(points.sigma_px)))
+        observed = np.concatenate([observed, at_points], axis=-1)
     limit = curves.largest_move
     for step in range(updates + 2):
         places, tangents, outward = _points_on_markings(curves, feet, theta, points)

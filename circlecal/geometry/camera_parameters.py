@@ -334,13 +334,13 @@ def project(theta: Array, field_m: Array, model: ProjectionModel) -> Projection:
 
 
 def level_points(theta: Array, pixels: Array, model: ProjectionModel) -> Array:
-    """About where pixels (N, 2) lie on level ground, (B, N, 2) for the cameras of ``theta`` (B, P).
+    """About where pixels (N, 2), or (B, N, 2), lie on level ground, (B, N, 2) for the cameras of ``theta`` (B, P).
 
     Always a point: a ray at or above the horizon is taken to descend by one in a hundred. The lens is taken back by its
     first coefficient in one step, which is near enough to start from; :meth:`Camera.back_project` is exact.
     """
     focal = np.exp(theta[:, LOG_FOCAL, None])
-    offset = pixels.T - (model.center + theta[:, PRINCIPAL])[..., None]
+    offset = np.swapaxes(pixels, -1, -2) - (model.center + theta[:, PRINCIPAL])[..., None]
     offset[:, 1] *= np.exp(-theta[:, LOG_ASPECT, None])
     r2 = (offset[:, 0] ** 2 + offset[:, 1] ** 2) * (2.0 / model.width) ** 2
     rays = np.empty((len(theta), 3, offset.shape[-1]))

@@ -213,13 +213,13 @@ def _lie_on_under_own(
     """
     theta, covariance, model = camera
     seen, drawn = pairs.T
-    K, each = len(pairs), np.arange(len(pairs))
-    curves = _points_on(segments[seen].reshape(-1, 2), ends[drawn], shifts[drawn], np.repeat(each, 2))
-    cameras = np.repeat(theta[None], K, axis=0)
+    # each camera sees its own pair only: both ends of one line
+    curves = _ends_on(segments[seen], ends[drawn], shifts[drawn])
+    cameras = np.repeat(theta[None], len(pairs), axis=0)
     for _ in range(UPDATES):
         fit = curve_residuals(curves, cameras, ground_feet(curves, cameras, model), model, updates=1)
-        J = fit.jacobian.reshape(K, K, 2, -1)[each, each]
-        r = fit.values.reshape(K, K, 2)[each, each] - (J @ (cameras - theta)[..., None])[..., 0]
+        J = fit.jacobian
+        r = fit.values - (J @ (cameras - theta)[..., None])[..., 0]
         pushed, inverse = _push(J, covariance, sigma_px)
         cameras = theta - (np.swapaxes(pushed, 1, 2) @ (inverse @ r[..., None]))[..., 0]
         # no linear model reaches so far
@@ -230,8 +230,8 @@ def _lie_on_under_own(
     known = pushed[..., _SIZES]
     sizes = covariance[np.ix_(_SIZES, _SIZES)] - np.swapaxes(known, 1, 2) @ inverse @ known
     slide_m = EXTENT_SIGMAS * _slide_sd(shifts[drawn], sizes)
-    on_extent = lie_on_extent(feet.reshape(K, K, 2)[each, each], lengths[:, None], slide_m[:, None])
-    is_visible = _are_visible(curves, feet, cameras, model).reshape(K, K, 2)[each, each].all(axis=-1)
+    on_extent = lie_on_extent(feet, lengths[:, None], slide_m[:, None])
+    is_visible = _are_visible(curves, feet, cameras, model).all(axis=-1)
     return np.asarray(on_extent & is_visible & is_near)
 
 
@@ -251,6 +251,16 @@ def _points_on(points_px: Array, ends: Array, shifts: Array, group: Indices) -> 
         points_px, zero + 1.0, ends[group, 0], zero, zero, zero, (span / lengths[:, None])[group], shifts[group],
         group, (MarkingKey(""),) * len(ends),
     )  # fmt: skip
+
+
+def _ends_on(segments: Array, ends: Array, shifts: Array) -> CurvePoints:
+    """Both ends of K segments (K, 2, 2), each of them on a line of its own with these ends (K, 2, 2): K hypotheses."""
+    span, zero = ends[:, 1] - ends[:, 0], np.zeros(2)
+    direction = span / np.hypot(span[:, 0], span[:, 1])[:, None]
+    origins, directions, moves = (np.repeat(v[:, None], 2, axis=1) for v in (ends[:, 0], direction, shifts))
+    return CurvePoints(
+        segments, zero + 1.0, origins, zero, zero, zero, directions, moves, np.zeros(2, np.int64), (MarkingKey(""),)
+    )
 
 
 def has_allowed_size(theta: Array, template: FieldTemplate) -> Mask:

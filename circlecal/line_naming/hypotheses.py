@@ -296,26 +296,39 @@ def make_naming_scene(
 
 def try_names(scene: NamingScene, associations: list[Association], starts: Array) -> list[Trial]:
     """Fit every hypothesis, all at once, from its own start (B, P)."""
-    problem = replace(
-        scene.problem,
-        curves=_assume(scene, associations),
-        loss_scale=WIDE_LOSS * scene.problem.loss_scale,
-    )
+    assumed = _assume(scene, associations)
+    problem = replace(scene.problem, curves=assumed.curves, loss_scale=WIDE_LOSS * scene.problem.loss_scale)
     feet = ground_feet(problem.curves, starts, problem.model)
     state = minimise(problem, starts, replace(COARSE, iterations=FIT_ITERATIONS), feet)
-    passed, explained, score = _score(scene, associations, state, problem)
+    passed, explained, score = _score(scene, associations, state, problem, assumed)
     return [
         Trial(association, passed[k], float(explained[k]), float(score[k]), state.theta[k], state.normal[k])
         for k, association in enumerate(associations)
     ]
 
 
-def _assume(scene: NamingScene, associations: list[Association]) -> CurvePoints:
-    """The known markings, and the nameless lines as what each hypothesis takes them for."""
-    base, template, count = scene.problem.curves, scene.template, len(scene.points_px)
+@dataclass(frozen=True, slots=True)
+class _Assumed:
+    """What B hypotheses assume: the known markings, and after them the points of those lines that each one names.
+
+    Attributes
+    ----------
+    curves : CurvePoints
+        With points of its own for every hypothesis; where one has fewer than another, its last point is repeated at
+        the end and counts for nothing.
+    of_line : (B, M, S) bool
+        Which nameless line each of the M further points belongs to; none where it is such a repetition.
+    """
+
+    curves: CurvePoints
+    of_line: Mask
+
+
+def _assume(scene: NamingScene, associations: list[Association]) -> _Assumed:
+    """The known markings, and the nameless lines that each hypothesis names as what it takes them for."""
+    base, template = scene.problem.curves, scene.template
     shape = (len(associations), len(scene.segments))
     origin, direction, shift = np.zeros((*shape, 2)), np.zeros((*shape, 2)), np.zeros((*shape, 3, 2))
-    direction[..., 0] = 1.0
     used = np.zeros(shape, dtype=bool)
     for b, association in enumerate(associations):
         for s, name in association.names.items():
@@ -323,44 +336,51 @@ def _assume(scene: NamingScene, associations: list[Association]) -> CurvePoints:
             ends = template.line_ends(drawn)
             origin[b, s], direction[b, s] = ends[0], (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
             shift[b, s], used[b, s] = template.line_shift(drawn), True
+    is_own = used[:, scene.line]
+    count = is_own.sum(axis=1)[:, None]
+    number, row = np.arange(count.max()), np.arange(shape[0])[:, None]
+    own = np.argsort(~is_own, axis=1, kind="stable")[row, np.minimum(number, count - 1)]
+    line, counts = scene.line[own], number < count
 
     def join_points(known: Array, further: Array) -> Array:
         """Behind each other along the points, for every hypothesis."""
-        return np.concatenate([np.broadcast_to(known, (shape[0], *known.shape)), further[:, scene.line]], axis=1)
+        return np.concatenate([np.broadcast_to(known, (shape[0], *known.shape)), further], axis=1)
 
-    sigma = np.where(used[:, scene.line], scene.sigma_px, UNUSED_SIGMA_PX)
-    still = np.zeros(count)
-    return CurvePoints(
-        points_px=np.concatenate([base.points_px, scene.points_px]),
-        sigma_px=np.concatenate([np.broadcast_to(base.sigma_px, (shape[0], len(base.sigma_px))), sigma], axis=1),
-        origin=join_points(base.origin, origin),
+    still = np.zeros(len(number))
+    curves = CurvePoints(
+        points_px=join_points(base.points_px, scene.points_px[own]),
+        sigma_px=join_points(base.sigma_px, np.where(counts, scene.sigma_px[own], UNUSED_SIGMA_PX)),
+        origin=join_points(base.origin, origin[row, line]),
         radius=np.concatenate([base.radius, still]),
         radius_by_width=np.concatenate([base.radius_by_width, still]),
         bloom_sign=np.concatenate([base.bloom_sign, still]),
-        direction=join_points(base.direction, direction),
-        shift=join_points(base.shift, shift),
-        group=np.concatenate([base.group, len(base.keys) + scene.line]),
-        keys=(*base.keys, *(MarkingKey(f"line {k}") for k in range(len(scene.segments)))),
+        direction=join_points(base.direction, direction[row, line]),
+        shift=join_points(base.shift, shift[row, line]),
+        group=np.concatenate([base.group, np.full(len(number), len(base.keys))]),
+        keys=(*base.keys, MarkingKey("nameless lines")),
     )
+    return _Assumed(curves, counts[..., None] & (line[..., None] == np.arange(shape[1])))
 
 
 def _score(
-    scene: NamingScene, associations: list[Association], state: State, problem: Problem
+    scene: NamingScene, associations: list[Association], state: State, problem: Problem, assumed: _Assumed
 ) -> tuple[Mask, Array, Array]:
     """The lines (B, S) that each fit really passes through, their length (B,), and its score: less what circle, line
     and priors had to give for it. A field of a size that the rules do not allow passes through none.
     """
-    lengths = scene.lengths_px
+    lengths, known = scene.lengths_px, scene.problem.curves
     named = np.array([[k in association.names for k in range(len(lengths))] for association in associations])
-    curves, known = problem.curves, len(scene.before_px)
-    member = (curves.group[:, None] == np.arange(len(curves.keys))).astype(np.float64)
-    rms = np.sqrt((state.residuals * curves.sigma_px) ** 2 @ member / member.sum(axis=0))
+    squares = (state.residuals * problem.curves.sigma_px) ** 2
+    of_known, of_lines = squares[:, : len(known.group)], squares[:, None, len(known.group) :]
+    member = (known.group[:, None] == np.arange(len(known.keys))).astype(np.float64)
+    known_rms = np.sqrt(of_known @ member / member.sum(axis=0))
+    rms = np.sqrt((of_lines @ assumed.of_line)[:, 0] / np.maximum(assumed.of_line.sum(axis=1), 1))
     is_allowed = has_allowed_size(state.theta, scene.template)
-    passed = named & (rms[:, known:] < PASSED_PX * scene.unit) & is_allowed[:, None]
-    passed &= _lie_on_extents(scene, associations, state)
+    passed = named & (rms < PASSED_PX * scene.unit) & is_allowed[:, None]
+    passed &= _lie_on_extents(scene, associations, state, assumed)
     explained = (lengths * passed).sum(axis=1)
     missed = (lengths * named).sum(axis=1) - explained
-    worse = np.maximum(0.0, rms[:, :known] - scene.before_px - scene.allowed_px)
+    worse = np.maximum(0.0, known_rms - scene.before_px - scene.allowed_px)
     # a marking that is painted elsewhere is as likely as its painter's error
     painted = PX_PER_PRIOR * (worse / np.maximum(scene.painted_px, LEAST_PAINTED_PX)) ** 2
     strain = np.minimum(PX_PER_RESIDUAL_PX * worse / scene.unit, painted).sum(axis=1)
@@ -369,17 +389,19 @@ def _score(
     return passed, explained, explained - against
 
 
-def _lie_on_extents(scene: NamingScene, associations: list[Association], state: State) -> Mask:
-    """Which lines (B, S) lie on the extents of the markings that they are taken for, under the cameras of the fits."""
-    first = np.flatnonzero(np.diff(scene.line, prepend=-1))
-    feet = state.feet[:, -len(scene.line) :]
-    ends = np.stack([reduce.reduceat(feet, first, axis=1) for reduce in (np.minimum, np.maximum)], axis=-1)
-    lengths = np.full(ends.shape[:2], np.inf)
+def _lie_on_extents(scene: NamingScene, associations: list[Association], state: State, assumed: _Assumed) -> Mask:
+    """Which of the lines (B, S) that hypotheses name lie on the extents of the markings that they are taken for, under
+    the cameras of the fits.
+    """
+    feet = state.feet[:, -assumed.of_line.shape[1] :, None]
+    first = np.where(assumed.of_line, feet, np.inf).min(axis=1)
+    last = np.where(assumed.of_line, feet, -np.inf).max(axis=1)
+    lengths = np.zeros(first.shape)
     for b, association in enumerate(associations):
         for s, name in association.names.items():
             start, end = scene.template.line_ends(scene.template.line_by_name[name])
             lengths[b, s] = np.linalg.norm(end - start)
-    return lie_on_extent(ends, lengths[..., None])
+    return lie_on_extent(np.stack([first, last], axis=-1), lengths[..., None])
 
 
 def _weigh_rivals(scene: NamingScene, trials: list[Trial], best: Trial) -> list[Trial]:

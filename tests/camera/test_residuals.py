@@ -181,6 +181,23 @@ def test_fixed_points_and_their_jacobian():
     assert by_breadth.any(axis=1).tolist() == [False, True, False, False]
 
 
+def test_hypotheses_may_have_points_of_their_own():
+    """Each camera compares its own points with the markings, as if it were alone."""
+    rng = np.random.default_rng(4)
+    thetas = random_thetas(2, rng)
+    (one, feet), (other, others) = (curves_near(theta, 2.0, rng) for theta in thetas)
+    rows = ("points_px", "sigma_px", "origin", "direction", "shift")
+    both = replace(one, **{name: np.stack([getattr(curves, name) for curves in (one, other)]) for name in rows})
+    fixed = FixedPoints(np.array([[9.0, 4.0]]), np.array([[700.0, 400.0]]), np.ones(1), (MarkingKey("corner"),))
+    found = curve_residuals(both, thetas, np.stack([feet, others]), MODEL, points=fixed)
+    second = curve_residuals(both.hypotheses(np.array([1])), thetas[1:], others[None], MODEL, points=fixed)
+    for k, (curves, start) in enumerate(((one, feet), (other, others))):
+        alone = curve_residuals(curves, thetas[k : k + 1], start[None], MODEL, points=fixed)
+        assert found.values[k] == pytest.approx(alone.values[0], rel=1e-9, abs=1e-9)
+        assert found.jacobian[k] == pytest.approx(alone.jacobian[0], rel=1e-9, abs=1e-9)
+    assert second.values[0] == pytest.approx(found.values[1], rel=1e-9, abs=1e-9)
+
+
 def test_stacking_keeps_the_order_and_nothing_is_something():
     rng = np.random.default_rng(8)
     curves, _ = curves_near(random_thetas(1, rng)[0], 0.0, rng)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from circlecal.camera.multistart import find_optima
+from circlecal.camera.options import CameraConfig
 from circlecal.config import load_config
 from circlecal.estimation.beginnings import begin, choose_sight
 from circlecal.estimation.task import Task
@@ -109,10 +110,39 @@ def test_lines_lie_on_the_extents_of_their_markings_after_the_fit():
     soccer = load_field("soccer")
     names = ("small_rect_left_main", "big_rect_left_main")
     associations = [Association({1: name}, 300.0, 0.0) for name in names]
-    feet = np.tile(np.concatenate([[7.0, 7.0], np.linspace(500.0, 600.0, 5), np.linspace(4.0, 34.0, 6)]), (2, 1))
-    scene = SimpleNamespace(line=np.repeat([0, 1], [5, 6]), template=soccer)
-    found = hypotheses._lie_on_extents(scene, associations, SimpleNamespace(feet=feet))
-    assert found.tolist() == [[True, False], [True, True]]
+    feet = np.tile(np.concatenate([[7.0, 7.0], np.linspace(4.0, 34.0, 6)]), (2, 1))
+    assumed = SimpleNamespace(of_line=np.tile([False, True], (2, 6, 1)))
+    scene = SimpleNamespace(template=soccer)
+    found = hypotheses._lie_on_extents(scene, associations, SimpleNamespace(feet=feet), assumed)
+    assert found[:, 1].tolist() == [False, True]
+
+
+def test_hypotheses_are_fitted_to_the_points_of_their_own_lines():
+    """Fitted side by side, one line against two, they come to the cameras of fits alone: the points of the longer one
+    that fill up the shorter one count for nothing.
+    """
+    rng, soccer = np.random.default_rng(0), load_field("soccer")
+    camera = aim_camera(np.array([5.0, 60.0, -15.0]), np.array([18.0, -5.0, 0.0]), 1500.0, 0.01, 1920, 1080)
+    names = ("side_line_top", "big_rect_right_main")
+    halfway, *lines = (
+        line_points(camera, soccer, name, count, 0.3, rng)
+        for name, count in zip(("halfway_line", *names), (60, 60, 30), strict=True)
+    )
+    circle = circle_points(camera, soccer, "center", 200, 0.3, rng)
+    nameless = (replace(line, line=None) for line in lines)
+    seen = Observations(1920, 1080, (circle,), (halfway, *nameless))
+    task = Task(seen, soccer, soccer.circles[0], CameraConfig(), "main", None)
+    sight = choose_sight(task)
+    task, problem, starts = begin(task, sight)
+    state = find_optima(problem, starts, task.config, task.side).best()
+    scene = hypotheses.make_naming_scene([1, 2], problem, state, seen, soccer, task.coarse_noise)
+    tried = [Association({1: names[1]}, 1.0, 0.0), Association({0: names[0], 1: names[1]}, 1.0, 0.0)]
+    together = hypotheses.try_names(scene, tried, np.repeat(state.theta, 2, axis=0))
+    for trial, association in zip(together, tried, strict=True):
+        (alone,) = hypotheses.try_names(scene, [association], state.theta)
+        assert alone.passed.tolist() == trial.passed.tolist()
+        assert [trial.score, *trial.theta] == pytest.approx([alone.score, *alone.theta], rel=1e-6, abs=1e-9)
+    assert together[1].passed.all() and together[0].passed.tolist() == [False, True]
 
 
 @pytest.mark.parametrize(("scores", "grown"), [((900, 890, 880, 870, 860), 4), ((900, 500, 400, 300, 200), 2)])
