@@ -29,7 +29,7 @@ from circlecal.estimation.task import DENSE_POINTS, Fit, Task, is_dense
 from circlecal.geometry.camera_parameters import INDEX
 from circlecal.geometry.least_squares import StoppingRule
 from circlecal.geometry.projective import Array
-from circlecal.line_naming.hypotheses import name_lines
+from circlecal.line_naming.hypotheses import find_nameless_lines, name_lines
 from circlecal.line_naming.line_ends import add_line_ends, agree_with_ends
 from circlecal.observations import Observations
 
@@ -138,16 +138,19 @@ def recognise(task: Task, stated: CurvePoints, fit: Fit) -> Recognised | None:
     observations, template, noise = task.observations, task.template, task.coarse_noise
     fuller, with_ends, ends = add_line_ends(fit.problem, fit.state, observations, template)
     found = name_lines(fuller, with_ends, observations, template, noise, ends)
-    if len(ends) > 1 and with_ends.cost[0] > fit.state.cost[0] + STRAINING_ENDS:
+    most = len(find_nameless_lines(observations))
+    is_strained = len(ends) > 1 and with_ends.cost[0] > fit.state.cost[0] + STRAINING_ENDS
+    if is_strained and most > _count_different(found.names):
         for seen in _with_one_end(observations):
             problem, state, end = add_line_ends(fit.problem, fit.state, seen, template)
             others = name_lines(problem, state, seen, template, noise, end)
-            if end and len(set(others.names.values())) > len(set(found.names.values())):
+            if end and _count_different(others.names) > _count_different(found.names):
                 ends, found = end, others
-    if ends and _leaves_most(found.names, observations):
+    overruling = _count_different(found.names) + OVERRULING_LINES
+    if ends and (not found.names or most >= overruling) and _leaves_most(found.names, observations):
         # an end may be a cover's edge: only a whole structure of lines says so
         others = name_lines(fit.problem, fit.state, observations, template, noise)
-        overrules = len(set(others.names.values())) >= len(set(found.names.values())) + OVERRULING_LINES
+        overrules = _count_different(others.names) >= overruling
         # and a line that passes through the end tells better where it runs
         if overrules or (not found.names and agree_with_ends(others.names, ends, observations)):
             ends, found = (), others
@@ -157,6 +160,11 @@ def recognise(task: Task, stated: CurvePoints, fit: Fit) -> Recognised | None:
     further = curves_from_observations(replace(observations, circles=(), lines=lines), template, task.noise)
     problem = replace(fit.problem, curves=join_curves(stated, further))
     return Recognised(problem, found.theta[None], found.names)
+
+
+def _count_different(names: dict[int, str]) -> int:
+    """How many different markings lines (names by index) are taken for."""
+    return len(set(names.values()))
 
 
 def _leaves_most(names: dict[int, str], observations: Observations) -> bool:

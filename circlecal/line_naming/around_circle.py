@@ -29,12 +29,12 @@ from circlecal.line_naming.hypotheses import (
     Naming,
     NamingScene,
     Trial,
+    find_nameless_lines,
     make_naming_scene,
     match_further_lines,
     select_trial,
     try_names,
 )
-from circlecal.line_naming.line_ends import FEWEST_POINTS
 from circlecal.line_naming.predicted_markings import missing_px, overhang_px
 from circlecal.observations import MarkingKey, Observations
 
@@ -102,9 +102,7 @@ def name_lines_around_circle(
     Naming or None
         None where fewer than two markings are recognised, or other names explain about as much.
     """
-    unnamed = [
-        k for k, line in enumerate(observations.lines) if line.line is None and len(line.points_px) >= FEWEST_POINTS
-    ]
+    unnamed = find_nameless_lines(observations)
     if not unnamed:
         return None
     reach = max(float(np.linalg.norm(np.ptp(observations.lines[k].points_px, axis=0))) for k in unnamed)

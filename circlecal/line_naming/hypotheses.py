@@ -180,9 +180,7 @@ def name_lines(
         Without names where nothing is certain.
     """
     nothing = Naming({}, state.theta[0])
-    unnamed = [
-        k for k, line in enumerate(observations.lines) if line.line is None and len(line.points_px) >= FEWEST_POINTS
-    ]
+    unnamed = find_nameless_lines(observations)
     if not unnamed:
         return nothing
     scene = make_naming_scene(unnamed, problem, state, observations, template, noise, ends)
@@ -204,6 +202,13 @@ def name_lines(
     if best is None:
         return nothing
     return Naming({unnamed[k]: name for k, name in best.association.names.items() if best.passed[k]}, best.theta)
+
+
+def find_nameless_lines(observations: Observations) -> list[int]:
+    """Numbers of the straight lines without a name that have the points for one."""
+    return [
+        k for k, line in enumerate(observations.lines) if line.line is None and len(line.points_px) >= FEWEST_POINTS
+    ]
 
 
 def match_further_lines(scene: NamingScene, trials: list[Trial], count: int) -> list[Trial]:
