@@ -24,6 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from circlecal.field import FieldTemplate
+from circlecal.geometry.camera import NEAREST_M
 from circlecal.geometry.camera_parameters import (
     LOG_FOCAL,
     PAN,
@@ -33,7 +34,6 @@ from circlecal.geometry.camera_parameters import (
     TILT,
     ProjectionModel,
     homographies,
-    project,
 )
 from circlecal.geometry.homography import SIDES
 from circlecal.geometry.projective import Array, Indices, Mask, extent, lift
@@ -352,26 +352,51 @@ def _match(
     span = drawn[:, 1] - drawn[:, 0]
     extent = np.linalg.norm(span, axis=-1)
     direction = span / extent[:, None]
-    markings = marking_lines(template)
-    back = np.linalg.inv(homographies(theta, model))
-    ends = lift(segments.reshape(-1, 2))
-    seen = markings @ back  # lines go by the inverse transpose
-    seen /= np.hypot(seen[..., 0], seen[..., 1])[..., None]
-    off = np.abs(seen @ ends.T).reshape(len(theta), len(drawn), -1, 2).max(axis=-1)
-    field = ends @ np.swapaxes(back, 1, 2)
-    depth = field[..., 2:]
+    back = np.asarray(np.linalg.inv(homographies(theta, model)), np.float64)
+    # the first ends of all lines, then their last ones
+    count, ends = len(segments), lift(np.concatenate([segments[:, 0], segments[:, 1]])).T
+    seen = (marking_lines(template) @ back).reshape(-1, 3)  # lines go by the inverse transpose
+    seen /= np.sqrt(seen[:, :1] * seen[:, :1] + seen[:, 1:2] * seen[:, 1:2])
+    off_ends = seen @ ends
+    np.abs(off_ends, out=off_ends)
+    off = np.maximum(off_ends[:, :count], off_ends[:, count:]).reshape(len(theta), len(drawn), count)
+    # few lines lie near a marking: whether they lie on its extent is asked of these alone
+    camera, marking, line = np.nonzero(off < share * NAMED_PX * model.width / 1920.0)
+    places, toward = _meet_ground(back, ends, model), direction[marking]
+    start = (drawn[:, 0] * direction).sum(axis=-1)[marking]
+    along = [(places[camera, :, end] * toward).sum(axis=-1) - start for end in (line, line + count)]
+    low, high = np.minimum(*along), np.maximum(*along)
+    on = (low > -BEYOND_M) & (high < extent[marking] + BEYOND_M)
+    # of several markings the nearest comes last, and is kept
+    order = np.flatnonzero(on)[np.lexsort((-marking[on], -off[camera, marking, line][on]))]
+    camera, line = camera[order], line[order]
+    nearest, reaches = np.full((len(theta), count), -1), np.zeros((len(theta), count, 2))
+    nearest[camera, line] = marking[order]
+    reaches[camera, line] = np.stack([low[order], high[order]], axis=-1)
+    return _Matches(nearest, reaches)
+
+
+def _meet_ground(back: Array, pixels: Array, model: ProjectionModel) -> Array:
+    """Places (B, 2, N) of the field that pixels (3, N), homogeneous, show under cameras by their inverse homographies
+    (B, 3, 3); nan above the horizon.
+    """
+    field = back @ pixels
+    depth = field[:, 2:]
     # a pixel below the horizon has the sign of the picture's lower middle
     below = back[:, 2] @ np.array([model.center[0], 2.0 * model.height, 1.0])
     with np.errstate(divide="ignore", invalid="ignore"):
-        field = np.where(depth * np.sign(below)[:, None, None] > 0, field[..., :2] / depth, np.nan)
-    along = direction @ np.swapaxes(field, 1, 2) - (drawn[:, 0] * direction).sum(axis=-1)[:, None]
-    along = along.reshape(len(theta), len(drawn), -1, 2)
-    on = ((along > -BEYOND_M) & (along < extent[:, None, None] + BEYOND_M)).all(axis=-1)
-    off = np.where(on, off, np.inf)
-    best = off.argmin(axis=1)
-    named = np.take_along_axis(off, best[:, None], axis=1)[:, 0] < share * NAMED_PX * model.width / 1920.0
-    chosen = np.take_along_axis(along, best[:, None, :, None], axis=1)[:, 0]
-    return _Matches(np.where(named, best, -1), np.sort(chosen, axis=-1))
+        return np.where(depth * np.sign(below)[:, None, None] > 0, field[:, :2] / depth, np.nan)
+
+
+def _see_places(theta: Array, places: Array, model: ProjectionModel) -> tuple[Array, Array]:
+    """Columns and rows (B, ...), pixels, of places of the field (..., 2) under cameras (B, P) without lens or crown;
+    nan behind these.
+    """
+    seen = homographies(theta, model) @ lift(places.reshape(-1, 2)).T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        pixels = np.where(seen[:, 2:] > NEAREST_M, seen[:, :2] / seen[:, 2:], np.nan)
+    x, y = (pixels[:, k].reshape(len(theta), *places.shape[:-1]) for k in range(2))
+    return x, y
 
 
 def _missing_px(theta: Array, matches: _Matches, template: FieldTemplate, model: ProjectionModel) -> Array:
@@ -379,11 +404,10 @@ def _missing_px(theta: Array, matches: _Matches, template: FieldTemplate, model:
     drawn, _ = template.drawn_lines
     share = (np.arange(NODES + 1) / NODES)[:, None]
     places = drawn[:, :1] + share * (drawn[:, 1:] - drawn[:, :1])
-    seen = project(theta, places.reshape(1, -1, 2), model)
-    shape = (len(theta), len(drawn), NODES + 1)
-    pixels, ahead = seen.pixels.reshape(*shape, 2), seen.visible.reshape(shape)
-    inside = ahead & ((pixels > 0) & (pixels < (model.width, model.height))).all(axis=-1)
-    length = np.linalg.norm(np.diff(pixels, axis=2), axis=-1) * (inside[..., 1:] & inside[..., :-1])
+    x, y = _see_places(theta, places, model)
+    inside = (x > 0) & (x < model.width) & (y > 0) & (y < model.height)
+    by_x, by_y = np.diff(x, axis=2), np.diff(y, axis=2)
+    length = np.where(inside[..., 1:] & inside[..., :-1], np.sqrt(by_x * by_x + by_y * by_y), 0.0)
     metres = (share[:-1, 0] + 0.5 / NODES) * np.linalg.norm(drawn[:, 1] - drawn[:, 0], axis=-1)[:, None]
     covered = np.zeros(length.shape, np.bool_)
     low, high = matches.along[..., 0], matches.along[..., 1]
@@ -413,17 +437,17 @@ def _lie_near_rings(
     """
     circle_count, count = len(template.circles), len(curves_of(template))
     rings = template.outlines[1][circle_count:count]
-    seen = project(theta, rings.reshape(1, -1, 2), model)
-    places = np.where(seen.visible[..., None], seen.pixels, np.nan).reshape(len(theta), *rings.shape)
+    x, y = _see_places(theta, rings, model)
     # nearest place, and half a step between two places at most beside it
-    step = np.nan_to_num(np.linalg.norm(np.diff(places, axis=2), axis=-1)).max(axis=2, initial=0.0)
+    step = np.nan_to_num(np.sqrt(np.diff(x, axis=2) ** 2 + np.diff(y, axis=2) ** 2)).max(axis=2, initial=0.0)
+    x, y = (np.where(np.isfinite(values), values, np.inf)[:, :, None] for values in (x, y))
     reach_px = np.full((len(theta), count, 1), reach * ON_ARC_PX * model.width / 1920.0)
     reach_px[:, circle_count:] += step[..., None] / 2
     back = np.asarray(np.linalg.inv(homographies(theta, model)), np.float64)[:, None]
     circles = circle_conics(template.circles, template)
     for points in curves:
-        off = np.linalg.norm(points[:, None] - places[:, :, None], axis=-1)
-        of_arcs = np.where(np.isfinite(off), off, np.inf).min(axis=3, initial=np.inf)
+        aside, above = points[:, :1] - x, points[:, 1:] - y
+        of_arcs = np.sqrt((aside * aside + above * above).min(axis=3, initial=np.inf))
         of_circles = np.abs(distances_from_circles(back, circles, points))
         nearest = np.concatenate([of_circles, of_arcs], axis=1)
         yield np.asarray((nearest < reach_px).mean(axis=2)), np.asarray(nearest.mean(axis=2))

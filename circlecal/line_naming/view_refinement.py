@@ -93,10 +93,10 @@ def refine_views(
         off_px = np.concatenate(
             [_distances_of_lines(back, seen, template), _distances_of_curves(back, seen, template, curves)], axis=-1
         )
-        values = np.clip(off_px, -LARGEST_PX * unit, LARGEST_PX * unit) / (SIGMA_PX * unit)
-        jacobian = np.moveaxis((values[1:] - values[0]) / STEP, 0, -1)
-        normal = np.swapaxes(jacobian, 1, 2) @ jacobian + np.eye(len(MOVED))
-        gradient = np.einsum("brp,br->bp", jacobian, values[0]) + (moved - theta)[:, MOVED] / LOOSENESS
+        values = np.minimum(np.maximum(off_px, -LARGEST_PX * unit), LARGEST_PX * unit) / (SIGMA_PX * unit)
+        slopes = np.swapaxes((values[1:] - values[0]) / STEP, 0, 1).copy()
+        normal = slopes @ np.swapaxes(slopes, 1, 2) + np.eye(len(MOVED))
+        gradient = (slopes @ values[0][..., None])[..., 0] + (moved - theta)[:, MOVED] / LOOSENESS
         moved[:, MOVED] -= LOOSENESS * np.linalg.solve(normal, gradient[..., None])[..., 0]
     return moved
 
@@ -106,10 +106,11 @@ def _distances_of_lines(back: Array, seen: SeenMarkings, template: FieldTemplate
     homographies (K, B, 3, 3); 0 without a name.
     """
     lines = marking_lines(template)[seen.markings] @ back  # lines go by the inverse transpose
+    a, b, c = (lines[..., k] for k in range(3))
     with np.errstate(divide="ignore", invalid="ignore"):
-        lines = lines / np.hypot(lines[..., 0], lines[..., 1])[..., None]
-    off = np.einsum("kbsi,sei->kbse", lines, lift(seen.segments))
-    return np.nan_to_num(np.where(seen.markings[..., None] >= 0, off, 0.0)).reshape(*back.shape[:2], -1)
+        unit = np.where(seen.markings >= 0, 1.0 / np.sqrt(a * a + b * b), 0.0)
+        off = [(a * x + b * y + c) * unit for x, y in (seen.segments[:, 0].T, seen.segments[:, 1].T)]
+    return np.nan_to_num(np.concatenate(off, axis=-1))
 
 
 def _distances_of_curves(back: Array, seen: SeenMarkings, template: FieldTemplate, curves: tuple[Circle, ...]) -> Array:
@@ -134,8 +135,9 @@ def distances_from_circles(back: Array, circles: Array, points_px: Array) -> Arr
     distance), under cameras by their inverse homographies (..., 3, 3); 0 where none is defined.
     """
     images = np.swapaxes(back, -1, -2) @ circles @ back
-    points = lift(points_px)
-    polars = points @ images
+    points = np.swapaxes(lift(points_px), -1, -2)
+    polars = images @ points
+    a, b, c = (polars[..., k, :] for k in range(3))
     with np.errstate(divide="ignore", invalid="ignore"):
-        off = (polars * points).sum(axis=-1) / (2.0 * np.hypot(polars[..., 0], polars[..., 1]))
+        off = (a * points[..., 0, :] + b * points[..., 1, :] + c) / (2.0 * np.sqrt(a * a + b * b))
     return np.asarray(np.nan_to_num(off))
