@@ -37,8 +37,6 @@ GOAL_REACH_M, BORDER_M = 5.0, 0.3
 or a line counts as lying on its border. Beside posts and net the paint of rendered frames is off by 0.13 px, elsewhere
 by 0.01.
 """
-FAR_APART = 6.0
-"""Times the distance of neighbours, beyond which two places are not the neighbours of one between them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,6 +134,8 @@ class Places:
         Where it is seen, and the unit vector across the marking.
     width_px, scale_px_m : (M,) arrays
         Width of the paint there, and pixels per metre across the marking.
+    slant_px : (M,) array
+        How far along the marking its two edges lie apart that face each other on the ground, pixels.
     curvature : (M,) array
         Of the marking in the picture, per pixel: positive where it bends towards the normal.
     by_theta : (M, P) array
@@ -148,6 +148,7 @@ class Places:
     normals: Array
     width_px: Array
     scale_px_m: Array
+    slant_px: Array
     curvature: Array
     by_theta: Array
 
@@ -155,14 +156,23 @@ class Places:
         """Some of the places, by their numbers (N,)."""
         return Places(*(getattr(self, field.name)[index] for field in fields(self)))
 
-    def shift_by_motion(self, moved_px: Array) -> Array:
-        """How far the middle of smeared paint lies from the marking (M,), along the normals, pixels.
+    def offset_middles(self, moved_px: Array) -> Array:
+        """How far the middle of the paint, as it is seen across a marking, lies from the marking (M,), along the
+        normals, pixels, where the picture moves by ``moved_px`` (2,) while the shutter is open.
 
-        While the picture moves by m (2,), a curve that bends by k leaves paint at ``k (t m . T)^2 / 2`` beside its
-        tangent T, for t from -1/2 to 1/2: on average at ``k (m . T)^2 / 24``, on the inner side.
+        A curve that bends by k lies ``k t^2 / 2`` beside its tangent T, at a distance t along it, on the inner side.
+        Edges that face each other on the ground are seen by q apart along the marking, each by ``t = q / 2`` beside the
+        profile across it. An even motion by m has a mean t^2 of ``(m . T)^2 / 12``. So the middle lies at
+        ``k (q^2 / 4 + (m . T)^2 / 12) / 2``.
         """
         along = self.normals[:, 0] * moved_px[1] - self.normals[:, 1] * moved_px[0]
-        return np.asarray(self.curvature * along**2 / 24.0)
+        return np.asarray(self.curvature * (self.slant_px**2 / 4.0 + along**2 / 12.0) / 2.0)
+
+    def shift_by_blur(self, variance: float) -> Array:
+        """How far blur with a variance v, pixels squared, moves the middle of paint across a marking (M,), along the
+        normals, pixels: a curve that bends by k lies on average at ``k v / 2`` beside its tangent.
+        """
+        return np.asarray(self.curvature * variance / 2.0)
 
 
 def grow_places(drawn: DrawnTemplate, marking: Indices, field_m: Array, theta: Array) -> Array:
@@ -234,32 +244,35 @@ def place_markings(
     tangent = np.where(drawn.radius[marking, None] > 0, np.stack([-beside[:, 1], beside[:, 0]], -1), direction)
     tangent /= np.maximum(np.hypot(tangent[:, :1], tangent[:, 1:]), 1e-9)
     image = seen.along(tangent[None, :, 0], tangent[None, :, 1])[0].T
-    normals = np.stack([-image[:, 1], image[:, 0]], axis=-1) / np.maximum(np.hypot(*image.T), 1e-9)[:, None]
+    along_px_m = np.maximum(np.hypot(*image.T), 1e-9)
+    image /= along_px_m[:, None]
+    normals = np.stack([-image[:, 1], image[:, 0]], axis=-1)
     across = seen.along(-tangent[None, :, 1], tangent[None, :, 0])[0].T
-    scale = np.abs((across * normals).sum(axis=1))
-    width_px = width_m * scale
+    across_px_m = (across * normals).sum(axis=1)
+    scale = np.abs(across_px_m)
+    width_px, slant_px = width_m * scale, width_m * np.abs((across * image).sum(axis=1))
     found = seen.pixels[0]
     inside = (found > MARGIN_PX).all(axis=1) & (
         found < (model.width - 1 - MARGIN_PX, model.height - 1 - MARGIN_PX)
     ).all(1)
     inside &= seen.visible[0] & (width_px > FAINTEST_PX) & ~_lie_in_goals(field_m, drawn)
     rows = rows_of(drawn, marking, field_m, seen, normals)
-    bend = _curvatures(marking, drawn.radius[marking] > 0, found, normals, spacing)
-    found_places = marking, field_m, found, normals, width_px, scale, bend, rows
+    bend = _curvatures(drawn.radius[marking], across_px_m, along_px_m)
+    found_places = marking, field_m, found, normals, width_px, scale, slant_px, bend, rows
     return Places(*(values[inside] for values in found_places))
 
 
-def _curvatures(marking: Indices, is_round: Mask, pixels: Array, normals: Array, spacing_px: float) -> Array:
-    """Curvature (M,) of markings at places in the picture, per pixel, positive towards the normals; 0 of lines, and
-    where a marking is seen in parts.
+def _curvatures(radius_m: Array, across_px_m: Array, along_px_m: Array) -> Array:
+    """Curvature (M,) of markings in the picture, per pixel, positive towards the normals; 0 of lines, without a radius.
 
-    Between places on either side of one, the normal turns by the curvature times the way.
+    A map by a homography takes a circle of radius r, which bends by 1 / r, to a curve that bends by
+    ``k = det J / (r |J t|^3)``, where J is its derivative and t the tangent: of a point ``(c + r u, 1)`` with
+    homogeneous picture X the determinant of X and its first and second derivatives by the angle is ``det(H) r^2``. With
+    N and T, the pixels per metre across the marking (M,), positive where the normal points to the centre, and along it
+    (M,), ``det J = N T``, so that ``k = N / (r T^2)``.
     """
-    before, after = (np.clip(np.arange(len(marking)) + k, 0, len(marking) - 1) for k in (-1, 1))
-    along, turned = pixels[after] - pixels[before], normals[after] - normals[before]
-    way = (along * along).sum(axis=1)
-    is_one = is_round & (marking[before] == marking[after]) & (way < (FAR_APART * spacing_px) ** 2)
-    return np.where(is_one, -(turned * along).sum(axis=1) / np.maximum(way, 1e-9), 0.0)
+    is_round = radius_m > 0
+    return np.where(is_round, across_px_m / np.maximum(np.where(is_round, radius_m, 1.0) * along_px_m**2, 1e-9), 0.0)
 
 
 def _lie_in_goals(field_m: Array, drawn: DrawnTemplate) -> Mask:

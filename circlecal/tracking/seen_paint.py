@@ -71,6 +71,9 @@ which paint is that of another one: at the corner of a penalty area in a fast pa
 smeared one. In smeared frames of twelve rendered clips such middles are off by 0.5 to 1.3 px at 1920 px width, others
 by 0.3.
 """
+NARROW_PAINT = 0.6
+"""Paint is narrow up to so much of the width that it is seen with: the picture's blur is what makes it broad.
+"""
 PIECE = 24
 """Places in a row within which paint has one usual contrast."""
 FEWEST_PLACES = 8
@@ -276,7 +279,9 @@ class _AskedPlaces:
         """The paint across the markings, and which places show it alone rather than along whole pieces of a line."""
         places, pieces = self.places, self.number_pieces()
         reach = max(ACROSS_PX * self.unit, 3.5) + 2.0 * self.spread_px + places.width_px + 0.5 * self.moved_px
-        found = measure_curve(picture, places.pixels, places.normals, reach, pieces)
+        # profiles cross the paint at its middle: of an offset less than their step they tell a half or the double
+        middles = places.pixels + places.offset_middles(self.blur_px)[:, None] * places.normals
+        found = measure_curve(picture, middles, places.normals, reach, pieces)
         is_thin = self.is_far & (self.smear < PALE)
         found = measure_thin(picture, found, is_thin, pieces, self.unit)
         is_alone = found.supported
@@ -330,14 +335,16 @@ class _AskedPlaces:
         and so many markings are not seen.
         """
         shown = self.places.take(np.flatnonzero(on))
-        shift = shown.shift_by_motion(self.blur_px)
-        bias = np.hypot(_bias_sigmas(found.width[on], shown.width_px, self.moved_px[on]), shift)
+        variance = _blur_variance(found.width[on], shown.width_px, self.moved_px[on], self.unit)
+        by_blur = shown.shift_by_blur(variance)
+        bias = _bias_sigmas(found.width[on], shown.width_px, self.moved_px[on])
+        bias = np.hypot(bias, shown.offset_middles(self.blur_px) + by_blur)
         bias = np.where(self.is_beside[on], np.maximum(bias, BESIDE_BIAS_PX * self.unit), bias)
         faint_bias = np.where(is_alone[on], FAINT_BIAS_PX, PIECE_BIAS_PX) * self.unit
         return MeasuredFrame(
             shown.marking,
             shown.field_m,
-            shown.pixels + (found.offset[on] - shift)[:, None] * shown.normals,
+            shown.pixels + (found.offset[on] - by_blur)[:, None] * shown.normals,
             shown.normals,
             found.width[on],
             shown.scale_px_m,
@@ -359,3 +366,17 @@ def _bias_sigmas(width_px: Array, paint_px: Array, moved_px: Array) -> Array:
     at = int(USUAL_BLUR * (len(blur) - 1))
     usual = float(np.partition(blur, at)[at])
     return np.asarray(BIAS_BY_BLUR * np.maximum(blur - usual, 0.0))
+
+
+def _blur_variance(width_px: Array, paint_px: Array, moved_px: Array, unit: float) -> float:
+    """Variance of the blur of a picture's optics, pixels squared, by how broad its narrow paint (M,) looks.
+
+    Paint of width p that moved across by m is two even spreads with variances of p^2 / 12 and m^2 / 12. With the blur's
+    own v the paint has about the full width at half the peak w of a normal distribution, so that
+    ``v = w^2 / (8 log 2) - (p^2 + m^2) / 12``, as long as the blur is what is broad.
+    """
+    is_narrow = np.hypot(paint_px, moved_px) < NARROW_PAINT * width_px
+    if np.count_nonzero(is_narrow) < FEWEST_PLACES:
+        return (OPTICAL_BLUR_PX * unit) ** 2 / (8.0 * np.log(2.0))
+    own = width_px**2 / (8.0 * np.log(2.0)) - (paint_px**2 + moved_px**2) / 12.0
+    return max(float(np.median(own[is_narrow])), 0.0)

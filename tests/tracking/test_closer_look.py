@@ -72,7 +72,7 @@ def test_smeared_paint_of_a_circle_lies_inside_it() -> None:
     theta = true.model.thetas(CIRCLE_HEAD[None], true.mean)[0]
     places = place_markings(drawn, theta, true.model.projection, template().marking_width_m)
     own = (places.marking == drawn.names.index("centre_circle")) & (places.field_m[:, 1] < -6.0)
-    inward = places.shift_by_motion(blur)[own] * np.sign(places.normals[own, 1])
+    inward = places.offset_middles(blur)[own] * np.sign(places.normals[own, 1])
     place = Place.of(true, template())
     seen = LookedAt.of(np.asarray(picture, np.uint8), MASK)
     measured = place.look(seen, CIRCLE_HEAD, np.eye(3) * 1e-9, None, blur).measured

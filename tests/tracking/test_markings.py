@@ -8,12 +8,17 @@ import pytest
 
 from circlecal.field.view import FieldView
 from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, project
+from circlecal.geometry.projective import Array
 from circlecal.synthetic.optics import motion_kernel
+from circlecal.synthetic.paint import paint_layers
 from circlecal.tracking.frame_paint import residuals_of
 from circlecal.tracking.markings import Places, grow_places, place_markings, template_curves
 from circlecal.tracking.one_line import keep_one_line
 from circlecal.tracking.seen_paint import BESIDE_BIAS_PX, measure_markings
 from tests.tracking.scenes import HEAD, measure_ideal, template, tripod
+
+CIRCLE_HEAD = HEAD + np.array([0.8, 0.35, -0.02])
+"""Sees the centre circle large."""
 
 
 @pytest.mark.parametrize(("beside", "is_two"), [(4, False), (20, True)])
@@ -39,7 +44,7 @@ def test_paint_that_a_pan_smears_need_not_be_seen(blur_px: tuple[float, float], 
     pixels = np.column_stack([np.full(count, 300.0), along])
     places = Places(
         np.zeros(count, np.int_), np.zeros((count, 2)), pixels, np.tile([1.0, 0.0], (count, 1)), np.full(count, 6.0),
-        np.full(count, 50.0), np.zeros(count), np.zeros((count, 1)),
+        np.full(count, 50.0), np.zeros(count), np.zeros(count), np.zeros((count, 1)),
     )  # fmt: skip
     measured, _ = measure_markings(grass, places, np.ones(count), 1.0, 1, np.array(blur_px))
     assert measured.missing == missing
@@ -62,12 +67,52 @@ def test_circles_bend_in_the_picture_as_their_places_do_and_lines_do_not() -> No
     )
     bent = ((after - 2.0 * here + before) * places.normals[on_circle]).sum(axis=1)
     exact = bent / (((after - before) / 2.0) ** 2).sum(axis=1)
-    told = places.curvature[on_circle]
-    assert np.count_nonzero(told) > 0.9 * len(told)
-    # at the tips of the ellipse neighbours are a third of its bend apart
-    is_flat = (told != 0) & (np.abs(exact) < 0.005)
-    assert np.count_nonzero(is_flat) > 40
-    np.testing.assert_allclose(told[is_flat], exact[is_flat], rtol=0.06)
+    np.testing.assert_allclose(places.curvature[on_circle], exact, rtol=0.02, atol=1e-4)
+
+
+def circle_places() -> tuple[Places, Array]:
+    """Places on the centre circle, seen large, and the camera (P,)."""
+    drawn, camera = template_curves(template()), tripod()
+    theta = camera.model.thetas(CIRCLE_HEAD[None], camera.mean)[0]
+    places = place_markings(drawn, theta, camera.model.projection, template().marking_width_m)
+    return places.take(np.flatnonzero(drawn.is_circle[places.marking])), theta
+
+
+def test_the_middle_between_the_edges_of_a_curve_lies_inside_it() -> None:
+    drawn, model = template_curves(template()), tripod().model.projection
+    places, theta = circle_places()
+    radius, center = drawn.radius[places.marking][:, None], drawn.center[places.marking]
+    slant = places.field_m - center
+    angle = np.arctan2(slant[:, 1], slant[:, 0])[:, None] + np.linspace(-0.04, 0.04, 2001)
+    ring = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    crossings = []
+    for side in (-0.5, 0.5):
+        edge = center[:, None] + (radius + side * template().marking_width_m)[..., None] * ring
+        away = project(theta[None], edge.reshape(1, -1, 2), model).pixels.reshape(edge.shape) - places.pixels[:, None]
+        along = away[..., 0] * places.normals[:, None, 1] - away[..., 1] * places.normals[:, None, 0]
+        across = (away * places.normals[:, None]).sum(axis=-1)
+        crossings.append(np.take_along_axis(across, np.abs(along).argmin(axis=1)[:, None], axis=1)[:, 0])
+    middles = (crossings[0] + crossings[1]) / 2.0
+    assert np.abs(middles).max() > 0.04
+    np.testing.assert_allclose(places.offset_middles(np.zeros(2)), middles, rtol=0.1, atol=0.004)
+
+
+@pytest.mark.parametrize("blur_px", [1.0, 1.5])
+def test_blurred_paint_of_a_curve_is_measured_on_the_curve(blur_px: float) -> None:
+    places, _ = circle_places()
+    view = tripod().view(CIRCLE_HEAD, np.zeros((3, 3)))
+    picture = np.full((720, 1280), 90.0)
+    for layer in paint_layers(view.camera, template(), view.surface, 0.12, elements=template().circles):
+        picture[layer.rows, layer.columns] += 80.0 * layer.coverage
+    gray = cv2.GaussianBlur(picture.astype(np.float32), (0, 0), blur_px)
+    seen, at = measure_markings(gray, places, np.full(len(places.pixels), 0.3), 1280 / 1920, 23)
+    shown = places.take(at)
+    off = ((seen.points_px - shown.pixels) * seen.normals).sum(axis=1) * np.sign(shown.curvature)
+    tips = np.abs(shown.curvature) > 0.002
+    corrected = ((shown.offset_middles(np.zeros(2)) + shown.shift_by_blur(blur_px**2)) * np.sign(shown.curvature))[tips]
+    assert np.count_nonzero(tips) > 20
+    assert corrected.mean() > 0.01
+    assert abs(off[tips].mean()) < 0.4 * corrected.mean()
 
 
 @pytest.mark.parametrize("growth_m", [(0.0, 0.0), (-13.0, -9.0), (4.0, 6.0)])
@@ -149,7 +194,7 @@ def test_paint_beside_another_marking_is_doubtful_as_far_as_that_is_smeared(way_
     count = len(pixels)
     places = Places(
         np.where(is_level, 0, 1), np.zeros((count, 2)), pixels, normals, np.full(count, 4.0), np.full(count, 50.0),
-        np.zeros(count), np.zeros((count, 1)),
+        np.zeros(count), np.zeros(count), np.zeros((count, 1)),
     )  # fmt: skip
     picture = np.full((360, 640), 90, np.uint8)
     picture[208:213] = 150
@@ -174,7 +219,7 @@ def test_the_sharp_line_at_a_corner_is_not_the_smeared_one() -> None:
     pixels = np.column_stack([np.full(count, 300.0), down])
     places = Places(
         np.zeros(count, np.int_), np.zeros((count, 2)), pixels, np.tile([1.0, 0.0], (count, 1)), np.full(count, 4.0),
-        np.full(count, 50.0), np.zeros(count), np.zeros((count, 1)),
+        np.full(count, 50.0), np.zeros(count), np.zeros(count), np.zeros((count, 1)),
     )  # fmt: skip
     picture = np.full((360, 640), 90.0)
     picture[:, 296:305] = 130.0
