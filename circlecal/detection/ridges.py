@@ -283,12 +283,12 @@ class RidgeRaster:
 
     def lookup(self, x: Floats, y: Floats) -> NDArray[np.int32]:
         """Ridge index at or beside each place (...); negative where there is none."""
-        column = np.clip(np.rint(x), -1, self.width).astype(np.int32) + 1
-        row = np.clip(np.rint(y), -1, self.height).astype(np.int32) + 1
-        return np.asarray(self._flat[row * self._stride + column], np.int32)
+        column = np.minimum(np.maximum(np.rint(x), -1), self.width).astype(np.int32)
+        row = np.minimum(np.maximum(np.rint(y), -1), self.height).astype(np.int32)
+        return self._flat.take(row * self._stride + column + (self._stride + 1))
 
     def is_aligned(self, index: NDArray[np.int32], nx: Floats, ny: Floats) -> NDArray[np.bool_]:
         """Whether the ridge points (...) run along the curve with these normals (any length)."""
         where = np.maximum(index, NOTHING)  # -1: the empty entry
-        dot = self._nx[where] * nx + self._ny[where] * ny
+        dot = self._nx.take(where) * nx + self._ny.take(where) * ny
         return np.asarray(dot * dot > np.float32(_ALIGNED**2) * (nx * nx + ny * ny), np.bool_)
