@@ -58,6 +58,13 @@ def test_a_mark_on_a_bent_line_lies_on_the_line():
     assert found.point_px == pytest.approx((MIDDLE[0] + 4.0, MIDDLE[1]), abs=0.1)
 
 
+@pytest.mark.parametrize(("contrast", "is_found"), [(0.2, True), (0.05, False)])
+def test_no_mark_is_told_on_a_line_that_is_worn_off(contrast, is_found):
+    """Paint of 60 levels over the ground, of which a share is left: 12 levels, and 3."""
+    faint = 90.0 + contrast * (paint_mark((0.0, 0.0)) - 90.0)
+    assert (find(faint.astype(np.float32)) is not None) is is_found
+
+
 def test_a_mark_is_as_uncertain_as_noise_scatters_it():
     found = [find(paint_mark((0.0, 0.0), noise=14.0, seed=seed)) for seed in range(40)]
     off_px = [mark.point_px[1] - MIDDLE[1] for mark in found if mark is not None]
