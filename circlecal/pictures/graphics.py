@@ -59,6 +59,15 @@ BESIDE_SHARE = 0.06
 """Share of the rest of the picture that may have the colour of a box which begins where another one ends: of field
 between two boxes 0.10 to 0.19 has, of boxes 0.04 at most (ten rendered frames).
 """
+BESIDE_HEIGHT = 0.012
+"""Least height, picture heights, of what is seen of a box that begins where another one ends: the other may lie over
+most of it, or be its own upper part. Two such boxes of 160 rendered pictures show 0.022 and 0.026 of it, without their
+rims, and were left in the picture by :data:`HEIGHTS`.
+"""
+LIGHTER = 1.35
+"""Times the usual brightness of the field's hue in a picture, from which on what has that hue is lighter than the field
+anywhere: ten strips of field between two boxes are 0.8 to 1.12 times as bright, a light green box 1.7 times.
+"""
 MOST_GREY, LEAST_ALIKE = 0.97, 0.995
 """Cosine of the angle to grey below which a colour has a hue, and that between colours of the field in the sun and in
 the shade: grass has 0.9 and 0.9998, and an olive box 0.98 to it.
@@ -158,7 +167,14 @@ def _is_field_beside(image: NDArray[np.uint8], box: Band, found: list[Band]) -> 
     """
     if not _is_beside(box, [other for other in found if other is not box]):
         return False
-    return _share_elsewhere(image, box, _usual_colour(_inside_of(image, box)), in_shade_too=True) > BESIDE_SHARE
+    usual, rest = _usual_colour(_inside_of(image, box)), _elsewhere(image, box)
+    if _has_colour(rest, usual).mean() > BESIDE_SHARE:
+        return True
+    seen = rest.astype(np.float32)
+    alike = _are_alike(seen, usual)
+    if not _has_hue(usual) or alike.mean() <= BESIDE_SHARE:
+        return False
+    return bool(np.linalg.norm(usual) <= LIGHTER * np.median(np.linalg.norm(seen[alike], axis=-1)))
 
 
 def _between(image: NDArray[np.uint8], top: int, upper: Band, lower: Band) -> Band | None:
@@ -210,8 +226,8 @@ def _grow(image: NDArray[np.uint8], edge: Band, below: bool, others: list[Band])
     sides = (np.arange(edge.bottom + RIM_PX, height), np.arange(edge.top - RIM_PX, -1, -1))
     rows, outside = sides if below else sides[::-1]
     rows = rows[: round(HEIGHTS[1] * height) + stripe]
-    least, room = HEIGHTS[0] * height, _count_free(rows, edge, others)
-    if room < least:
+    room = _count_free(rows, edge, others)
+    if room < BESIDE_HEIGHT * height:
         return None
     columns = slice(edge.left, edge.right + 1)
     ground = np.median(image[rows[:BASE_ROWS], columns], axis=(0, 1))
@@ -236,8 +252,8 @@ def _grow(image: NDArray[np.uint8], edge: Band, below: bool, others: list[Band])
     box = Band(edge.top, last, left, right) if below else Band(last, edge.bottom, left, right)
     if reaches_border and not _is_ticker(image, box, ground):
         return None
-    most_elsewhere = BESIDE_SHARE if _is_beside(box, others) else FIELD_SHARE
-    return box if first >= least and _is_box(image, box, most_elsewhere) else None
+    least, most_elsewhere = (BESIDE_HEIGHT, BESIDE_SHARE) if _is_beside(box, others) else (HEIGHTS[0], FIELD_SHARE)
+    return box if first >= least * height and _is_box(image, box, most_elsewhere) else None
 
 
 def _is_ticker(image: NDArray[np.uint8], box: Band, ground: NDArray[np.float64]) -> bool:
@@ -406,7 +422,7 @@ def _is_box(image: NDArray[np.uint8], band: Band, most_elsewhere: float = FIELD_
     rows = image[band.top : band.bottom + 1, columns]
     strips = [(_share_of_rows(_has_colour(rows, outside)) > GROUND_SHARE).mean() for _, outside, *_ in sides]
     is_plain = plain.mean() >= PLAIN_SHARE and unlike and sides and max(strips) <= STRIP_SHARE
-    return bool(is_plain and _share_elsewhere(image, band, usual) <= most_elsewhere)
+    return bool(is_plain and _has_colour(_elsewhere(image, band), usual).mean() <= most_elsewhere)
 
 
 def _inside_of(image: NDArray[np.uint8], band: Band) -> NDArray[np.uint8]:
@@ -414,18 +430,10 @@ def _inside_of(image: NDArray[np.uint8], band: Band) -> NDArray[np.uint8]:
     return image[band.top + RIM_PX : band.bottom - RIM_PX : 2, band.left : band.right + 1]
 
 
-def _share_elsewhere(
-    image: NDArray[np.uint8], band: Band, colour: NDArray[np.float64], in_shade_too: bool = False
-) -> float:
-    """Share of the rows above and below a band of a thinned picture that has about a colour (3,); where that has a hue,
-    in the shade or the sun, too.
-    """
+def _elsewhere(image: NDArray[np.uint8], band: Band) -> NDArray[np.uint8]:
+    """Colours (R, C, 3) of the rows above and below a band of a thinned picture, a part of them."""
     every = FIELD_EVERY // EVERY
-    rest = np.concatenate([image[: band.top : FIELD_EVERY, ::every], image[band.bottom + 1 :: FIELD_EVERY, ::every]])
-    alike = _has_colour(rest, colour)
-    if in_shade_too and _has_hue(colour):
-        alike |= _are_alike(rest.astype(np.float32), colour)
-    return float(alike.mean())
+    return np.concatenate([image[: band.top : FIELD_EVERY, ::every], image[band.bottom + 1 :: FIELD_EVERY, ::every]])
 
 
 def _usual_colour(image: NDArray[np.uint8]) -> NDArray[np.float64]:

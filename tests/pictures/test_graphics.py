@@ -199,6 +199,22 @@ def test_the_field_between_two_boxes_is_seen():
     ] == [(True, True)] * 2
 
 
+def test_a_narrow_stripe_of_another_colour_under_a_box_is_its_lower_part():
+    image = with_box(field(0.05))
+    image[241:253] = (125, 40, 60)
+    upper, lower = find_bands(image)
+    assert max(abs(upper.top - 200), abs(upper.bottom - 240), abs(lower.top - 241), abs(lower.bottom - 252)) <= 3
+
+
+@pytest.mark.parametrize(("gain", "count"), [(1.7, 2), (1.1, 1)])
+def test_a_box_of_the_fields_hue_that_is_lighter_than_the_field_anywhere_is_seen_behind_another(gain, count):
+    image = with_box(field(0.05))
+    image[241:250] = np.rint(gain * np.array(TURF))
+    if count == 1:  # what is as light as the field may be is the field, which goes on elsewhere
+        image[300:] = np.rint(0.8 * image[300:])
+    assert len(find_bands(image)) == count
+
+
 def test_a_box_that_is_as_light_as_grass_is_found():
     """An edge between red and green is none in a picture in grey."""
     image = field(0.05)
