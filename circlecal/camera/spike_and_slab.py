@@ -2,27 +2,18 @@
 
 Each hypothesis is a prior of its own. The usual size is a spike, any size a slab: a wide prior alone would give away
 what nearly all fields have in common, a narrow one alone would bend the camera where a field is another. What was seen
-chooses by the marginal likelihood, in Laplace's approximation (MacKay 2003, Information Theory, Inference, and
-Learning Algorithms, ch. 27),
-
-    log Z = -cost / 2 - log det(N) / 2 - sum(log sd) - sum(log s) + log w
-
-with the Gauss-Newton matrix N at the optimum, standard deviations sd of the priors in which hypotheses differ and s of
-marks, which lie on even or uneven ground, and the share w of fields that are like this. Hypotheses that name different
-lines are compared on all of them: a line that one of them leaves without a name is something else, which lies anywhere
-in the picture.
+chooses by its evidence (:mod:`circlecal.camera.field_evidence`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import erf
-from typing import Literal
 
 import numpy as np
 
 from circlecal.camera.covariance import posterior_covariance
+from circlecal.camera.field_evidence import log_evidence
 from circlecal.camera.priors import Priors
 from circlecal.camera.problem import (
     Problem,
@@ -32,112 +23,17 @@ from circlecal.camera.problem import (
     resume,
     reweight,
     with_priors,
-    with_upright,
 )
 from circlecal.camera.residuals import CurvePoints
+from circlecal.camera.world import BREADTH, CROWN, FLAT_SD_M, LENGTH, USUAL, Size, World
 from circlecal.field import FieldTemplate
-from circlecal.geometry.camera_parameters import INDEX, active_parameters
 from circlecal.geometry.least_squares import StoppingRule
 from circlecal.geometry.projective import Array
 
-SIZES_AND_CROWN = LENGTH, BREADTH, CROWN = [INDEX[name] for name in ("length", "breadth", "crown")]
-CURVED_SHARE = 0.25
-"""Of crowned fields, those whose profile is a parabola and no roof. In real frames of 30 fields the roof explains more
-by 0.4 to 38 (logarithm of the evidence) in 27, the parabola by 1.5 at most in the others.
-"""
-FLAT_SD_M = 0.005
-"""Of the drop of a flat field at the circle's radius, metres: artificial turf is laid to a centimetre."""
-FLAT_RELIEF_SHARE = 1.0 / 3.0
-"""How far the ground at a mark of a flat field lies above or below its profile, over that at a mark of a crowned one:
-artificial turf is laid to a centimetre all over.
-"""
-OTHER_LINE_SHARE, OTHER_END_SHARE = 0.15, 0.3
-"""Of the long straight lines and of the ends of lines that are seen on a field, those that are no marking's: banners,
-boards, other sports; feet, covers. Assumed; twice as many or half as many change the logarithm of the evidence by 0.8.
-"""
-STANDING_M, OVERHEAD_SHARE = 2.0, 0.01
-"""Cameras that nobody carries, higher than this (metres), are at most by as much higher as they stand off the field's
-border: stands rise by less than 45 degrees. The share of those that do not, on cables, cranes and drones. Of 42 cameras
-of real frames, the one nearest to that is 4.4 m off.
-"""
-ANYWHERE_PX = 600.0
-"""Where such a line's ends lie, pixels at 1920 px width: anywhere over so much."""
-BEYOND_RULES_SHARE, LEAST_SIZE_SD_M = 1e-6, 0.1
-"""Of fields, the share whose length or width lies beyond the rules of their sport, and the least standard deviation,
-metres, of either: none of some 60 grounds of real frames and clips lies beyond.
-"""
-RIDGE = 1e-9
-"""Of the sum of squares, so little is added to each square: two points of a line tell nothing of its bend."""
 OUT_OF_THE_QUESTION = 8.0
 """By how much less the logarithm of a world's evidence may be in the linear model for its optimum to be looked for."""
 UNLIKELY_SHARE = 0.01
 """Hypotheses less likely than this after what was seen do not widen the posterior."""
-
-
-Size = Literal["usual", "other_length", "any"]
-"""Of a field: that of the template, its width with any length that the rules allow, or any that they allow."""
-
-
-@dataclass(frozen=True, slots=True)
-class World:
-    """What one hypothesis says of the field, and the share of fields that are like that: its size, flat or crowned, and
-    where it is crowned, with a curved profile or with that of the problem.
-    """
-
-    size: Size
-    is_flat: bool
-    share: float
-    is_curved: bool = False
-
-    @property
-    def is_usual_size(self) -> bool:
-        """Whether the field is as long and as wide as the template's."""
-        return self.size == "usual"
-
-    def priors(self, current: Priors, usual: Priors, template: FieldTemplate) -> Priors:
-        """Priors with sizes and crown as in this world, and all else as they are.
-
-        Parameters
-        ----------
-        current : Priors
-            What is kept but for sizes and crown.
-        usual : Priors
-            Of a crowned field of the usual size.
-        template : FieldTemplate
-            With the sizes that the rules allow.
-        """
-        mean, sd = current.mean.copy(), current.sd.copy()
-        mean[SIZES_AND_CROWN], sd[SIZES_AND_CROWN] = usual.mean[SIZES_AND_CROWN], usual.sd[SIZES_AND_CROWN]
-        is_usual = self.size == "usual", self.size != "any"
-        for index, is_known, extent in zip((LENGTH, BREADTH), is_usual, template.extents, strict=True):
-            if not is_known and extent.range_m is not None and sd[index] > 0:
-                # mean and standard deviation of a uniform distribution
-                least, most = extent.range_m
-                mean[index], sd[index] = (least + most) / 2.0 - extent.size_m, (most - least) / np.sqrt(12.0)
-        if self.is_flat and sd[CROWN] > 0:
-            mean[CROWN], sd[CROWN] = 0.0, FLAT_SD_M
-        elif self.is_curved:
-            # a parabola falls as far as a roof does where the field ends
-            share = template.circle_by_name[template.default_circle].radius_m / (0.5 * template.width_m)
-            mean[CROWN], sd[CROWN] = share * mean[CROWN], share * sd[CROWN]
-        return replace(current, mean=mean, sd=sd)
-
-    def enter(self, problem: Problem, state: State, usual: Priors, template: FieldTemplate) -> tuple[Problem, State]:
-        """A problem of a crowned field with what this world says, and its state in it."""
-        problem, state = with_priors(problem, state, self.priors(problem.priors, usual, template))
-        points = problem.points
-        if not self.is_flat or points.upright_px is None:
-            return problem, state
-        relief_px = FLAT_RELIEF_SHARE * np.sqrt(points.upright_px**2 - points.sigma_px**2)
-        return with_upright(problem, state, np.hypot(points.sigma_px, relief_px))
-
-    def curve(self) -> World:
-        """This crowned world with a curved profile."""
-        return replace(self, share=self.share * CURVED_SHARE / (1.0 - CURVED_SHARE), is_curved=True)
-
-
-USUAL = World("usual", False, 1.0)
-"""What is assumed where nothing else can be told."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -290,100 +186,6 @@ def _weigh(world: World, problem: Problem, state: State, template: FieldTemplate
 
 def _has_priors(one: Problem, other: Problem) -> bool:
     return bool((one.priors.mean == other.priors.mean).all() and (one.priors.sd == other.priors.sd).all())
-
-
-def log_evidence(world: World, problem: Problem, state: State, template: FieldTemplate, known: int) -> float:
-    """Logarithm of the evidence of an optimum, the first start, up to what all worlds have in common.
-
-    ``known`` markings are the same in all answers that are compared; the evidence that the others are none is taken
-    off. A camera high over the field of the template, or steeply above its border, is a rare one.
-    """
-    active = active_parameters(problem.priors.sd)
-    block = state.normal[0][active[:, None], active]
-    scale = np.sqrt(np.maximum(np.diag(block), 1e-300))
-    _, determinant = np.linalg.slogdet(block / np.outer(scale, scale))
-    sd = problem.priors.sd[SIZES_AND_CROWN]
-    proper = (sd > 0) & np.isfinite(sd)
-    volume = 0.5 * determinant + np.log(scale).sum() + np.log(sd[proper]).sum()
-    upright_px = problem.points.upright_px
-    noise = 0.0 if upright_px is None else float(np.log(upright_px).sum())
-    evidence = -0.5 * float(state.cost[0]) - volume - noise + np.log(world.share)
-    theta, covariance = state.theta[0], posterior_covariance(state.normal[0], problem.priors.sd)
-    place = _log_share_of_places(theta, covariance, template)
-    size = 0.0 if world.is_usual_size else _log_share_of_sizes(theta, covariance, template)
-    return float(evidence) + place + size - _log_evidence_of_others(problem, state, known)
-
-
-def _log_share_of_sizes(theta: Array, covariance: Array, template: FieldTemplate) -> float:
-    """Logarithm of the probability that a field has a length and a width that its rules allow: the normal prior of any
-    size has tails beyond them.
-    """
-    share = 1.0
-    for index, extent in zip((LENGTH, BREADTH), template.extents, strict=True):
-        if extent.range_m is not None:
-            sd_m = max(float(np.sqrt(covariance[index, index])), LEAST_SIZE_SD_M)
-            low, high = ((limit - extent.size_m - theta[index]) / (sd_m * np.sqrt(2.0)) for limit in extent.range_m)
-            share *= 0.5 * (erf(high) - erf(low))
-    return float(np.log(max(share, BEYOND_RULES_SHARE)))
-
-
-def _log_share_of_places(theta: Array, covariance: Array, template: FieldTemplate) -> float:
-    """Logarithm of the probability that a camera stands where this one does, beside the field or over it.
-
-    By how much further off the border it stands than it is high above a person's head is linear enough about the
-    optimum: the prior's step is averaged over a normal distribution.
-    """
-    x, y, z = (INDEX[name] for name in ("x", "y", "z"))
-    half = 0.5 * np.array([template.length_m + theta[LENGTH], template.width_m + theta[BREADTH]])
-    beyond = np.abs(theta[[x, y]]) - half
-    side = int(np.argmax(beyond))
-    high_m = -theta[z] - STANDING_M
-    if high_m <= 0.0:
-        return 0.0
-    slope = np.zeros(len(theta))
-    slope[(x, y)[side]], slope[(LENGTH, BREADTH)[side]] = np.sign(theta[(x, y)[side]]), -0.5
-    slope[z] = 1.0
-    sd = max(float(np.sqrt(slope @ covariance @ slope)), 1e-3)
-    outside = 0.5 * (1.0 + erf((beyond[side] - high_m) / (sd * np.sqrt(2.0))))
-    return float(np.log(OVERHEAD_SHARE + (1.0 - OVERHEAD_SHARE) * outside))
-
-
-def _log_evidence_of_others(problem: Problem, state: State, known: int) -> float:
-    """Logarithm of the evidence that all markings but the first ``known`` are anything else: each line lies anywhere.
-
-    With the places u = (u_0, u_1) of a line's ends across it, uniform over the range R, points at the share t along it
-    with standard deviation s give the integral of exp(-chi2 / 2) du / R^2, which is
-    ``exp(-chi2_min / 2) 2 pi / (R^2 sqrt det A)``, ``A = sum a a^T / s^2``, ``a = (1 - t, t)``. What a camera leaves of
-    its bend, t (1 - t), counts for no camera: anything else may be bent as it is seen.
-    """
-    curves = problem.curves
-    own = np.flatnonzero(curves.group >= known)
-    if len(own) == 0:
-        return 0.0
-    own = own[np.argsort(curves.group[own], kind="stable")]
-    _, first, count = np.unique(curves.group[own], return_index=True, return_counts=True)
-    is_line = count > 1
-    range_px = ANYWHERE_PX * problem.model.width / 1920.0
-    values, sigma, t = state.residuals[0, own], curves.sigma_px[own], state.feet[0, own]
-    # a residual beyond the loss's scale costs no more
-    robust = values / np.sqrt(1.0 + values**2 / problem.loss_scale**2)
-    low, high = np.minimum.reduceat(t, first), np.maximum.reduceat(t, first)
-    t = (t - np.repeat(low, count)) / np.repeat(np.maximum(high - low, 1e-9), count)
-    near, far = (1.0 - t) / sigma, t / sigma
-    basis = np.stack([near, far, t * near])
-    gram = np.add.reduceat(basis[:, None] * basis, first, axis=-1)[..., is_line]
-    along = np.add.reduceat(basis * robust, first, axis=-1)[..., is_line].T
-    total = np.add.reduceat(robust * robust, first)[is_line]
-    (aa, ab, _), (_, bb, _), _ = gram
-    determinant = aa * bb - ab * ab
-    gram = np.moveaxis(gram, -1, 0)
-    ridge = RIDGE * np.trace(gram, axis1=-2, axis2=-1)[:, None, None] * np.eye(3)
-    least = total - (along * np.linalg.solve(gram + ridge, along[..., None])[..., 0]).sum(axis=-1)
-    lines = np.log(OTHER_LINE_SHARE / (1.0 - OTHER_LINE_SHARE)) + np.log(2.0 * np.pi) - 2.0 * np.log(range_px)
-    lines = lines - 0.5 * least - 0.5 * np.log(determinant)
-    ends = np.log(OTHER_END_SHARE / (1.0 - OTHER_END_SHARE)) + 0.5 * np.log(2.0 * np.pi) - np.log(range_px)
-    ends = ends + np.log(sigma[first[~is_line]])
-    return float(lines.sum() + ends.sum())
 
 
 def posterior_shares(answers: Sequence[Answer]) -> Array:

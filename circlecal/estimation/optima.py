@@ -7,8 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from circlecal.camera.covariance import posterior_covariance
+from circlecal.camera.field_evidence import log_evidence
 from circlecal.camera.problem import Problem, State
-from circlecal.camera.spike_and_slab import UNLIKELY_SHARE, USUAL, Posterior, log_evidence, share_noise
+from circlecal.camera.spike_and_slab import UNLIKELY_SHARE, Posterior, share_noise
+from circlecal.camera.world import USUAL
 from circlecal.estimation.task import Fit, Task
 
 ALIKE_COST, DISTINCT_COST = 6.0, 30.0

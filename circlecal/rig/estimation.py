@@ -15,7 +15,7 @@ from circlecal.camera.priors import SharedPrior, SharedPriorConfig
 from circlecal.camera.problem import WIDE_LOSS, Problem, evaluate
 from circlecal.camera.residuals import curve_residuals, line_curve, sample_feet
 from circlecal.camera.rig_options import RigConfig
-from circlecal.camera.spike_and_slab import FLAT_RELIEF_SHARE, FLAT_SD_M
+from circlecal.camera.world import FLAT_RELIEF_SHARE, FLAT_SD_M
 from circlecal.config import Config
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera_parameters import INDEX, POSITION, ProjectionModel

@@ -8,23 +8,24 @@ import pytest
 
 from circlecal.camera import problem as problems
 from circlecal.camera import spike_and_slab
-from circlecal.camera.observed import points_from_observations
-from circlecal.camera.problem import COARSE, FINAL, HARDLY_ZOOMED, evaluate, minimise, resume, reweight
-from circlecal.camera.spike_and_slab import (
+from circlecal.camera.field_evidence import (
     ANYWHERE_PX,
-    FLAT_RELIEF_SHARE,
+    END_PX,
     OTHER_END_SHARE,
     OTHER_LINE_SHARE,
-    UNSHARED_SIGMA_PX,
+    STRAY_SHARE,
+    _log_agreement_with_reach,
     _log_evidence_of_others,
     _log_share_of_places,
     _log_share_of_sizes,
-    answers_in,
     log_evidence,
-    possible_worlds,
-    share_noise,
 )
-from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, project
+from circlecal.camera.observed import points_from_observations
+from circlecal.camera.problem import COARSE, FINAL, HARDLY_ZOOMED, evaluate, minimise, resume, reweight
+from circlecal.camera.residuals import sample_feet
+from circlecal.camera.spike_and_slab import UNSHARED_SIGMA_PX, answers_in, possible_worlds, share_noise
+from circlecal.camera.world import FLAT_RELIEF_SHARE
+from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, level_points, project
 from circlecal.observations import LinePoints
 
 from .test_problem import MODEL, SOCCER, observed, plain_theta, priors, problem_of
@@ -184,3 +185,31 @@ def test_fields_beyond_the_rules_are_unlikely_by_how_surely_they_are(length_m, s
     theta, covariance = np.zeros(len(PARAMETERS)), np.zeros((len(PARAMETERS), len(PARAMETERS)))
     theta[INDEX["length"]] = length_m - 105.0  # known exactly, and taken as known to 0.1 m
     assert np.exp(_log_share_of_sizes(theta, covariance, SOCCER)) == pytest.approx(share, rel=0.01)
+
+
+@pytest.mark.parametrize("reach_m", [30.0, 33.5, 34.5, 36.0, 40.0])
+def test_a_field_is_unlikely_by_the_share_of_cameras_that_see_its_halfway_line_beyond_its_end(reach_m):
+    """The camera and how broad the field is are known together; the last of forty places on the line counts as a stray
+    one, and the picture is flat and without distortion, so that a pixel's place on the field is known in closed form.
+    """
+    rng = np.random.default_rng(7)
+    theta = plain_theta(rng)
+    seen = observed(theta, rng, sigma=0.0)
+    places = np.stack([np.zeros(40), np.r_[np.linspace(-11.0, reach_m, 39), reach_m + 0.5]], axis=-1)
+    pixels = project(theta[None], places[None], MODEL).pixels[0]
+    seen = replace(seen, lines=(LinePoints("halfway_line", pixels, np.full(40, 0.3)),))
+    problem = problem_of(seen, priors(breadth=1.0))
+    state = evaluate(problem, theta[None], sample_feet(problem.curves, theta[None], MODEL), updates=12)
+    varied = [INDEX[name] for name in ("tilt", "y", "breadth")]
+    mixing = np.array([[2e-3, 0.0, 0.0], [0.2, 0.3, 0.0], [0.5, 0.3, 1.0]])
+    covariance = np.zeros((len(PARAMETERS), len(PARAMETERS)))
+    covariance[np.ix_(varied, varied)] = mixing @ mixing.T
+    draws = np.tile(theta, (20_000, 1))
+    draws[:, varied] += rng.normal(size=(20_000, 3)) @ mixing.T
+    last_m = level_points(draws, pixels[38:39], MODEL)[:, 0, 1]
+    around = places[38] + np.array([[0.0, -0.5], [0.0, 0.5]])
+    metre_px = np.linalg.norm(np.diff(project(theta[None], around[None], MODEL).pixels[0], axis=0))
+    last_m = last_m + rng.normal(size=len(last_m)) * END_PX / metre_px
+    inside = np.mean(last_m < 34.0 + 0.5 * draws[:, INDEX["breadth"]])
+    expected = np.log(STRAY_SHARE + (1.0 - STRAY_SHARE) * min(2.0 * inside, 1.0))
+    assert _log_agreement_with_reach(problem, state, covariance, SOCCER) == pytest.approx(expected, abs=0.1)

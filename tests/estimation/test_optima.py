@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from circlecal.camera.problem import FINAL, minimise
-from circlecal.camera.spike_and_slab import Posterior, World
+from circlecal.camera.spike_and_slab import Posterior
+from circlecal.camera.world import World
 from circlecal.estimation import optima as module
 from circlecal.estimation.task import Fit
 from tests.camera.test_problem import observed, plain_theta, priors, problem_of

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from circlecal.camera.problem import COARSE, FINAL, minimise, predict_step
-from circlecal.camera.spike_and_slab import Answer, World
+from circlecal.camera.spike_and_slab import Answer
+from circlecal.camera.world import World
 from circlecal.estimation import worlds as module
 from circlecal.estimation.worlds import _by_size, _reach
 from circlecal.field.template import Extent
-from circlecal.geometry.camera_parameters import INDEX
+from circlecal.geometry.camera_parameters import INDEX, project
 from tests.camera.test_problem import observed, plain_theta, priors, problem_of
 
 WORLDS = tuple(World(size, is_flat, 1 / 6) for is_flat in (False, True) for size in ("usual", "other_length", "any"))
@@ -179,7 +180,7 @@ def test_lines_are_named_anew_once_whichever_noise_asks_for_it(asks_at_first, mo
 
 @pytest.mark.parametrize(
     ("named_px", "nameless_px", "asks"),
-    [(200.0, 500.0, True), (200.0, 100.0, False), (600.0, 400.0, True), (600.0, 280.0, False)],
+    [(200.0, 500.0, True), (200.0, 90.0, False), (600.0, 400.0, True), (600.0, 280.0, False)],
 )
 def test_names_of_few_points_weigh_nothing_against_long_lines_without_a_name(named_px, nameless_px, asks, monkeypatch):
     def line(name, count, length_px):
@@ -199,4 +200,20 @@ def test_names_of_few_points_weigh_nothing_against_long_lines_without_a_name(nam
         SimpleNamespace(problem=SimpleNamespace(curves=None)),
     )
     monkeypatch.setattr(module, "depends_on_size", lambda curves: False)
+    monkeypatch.setattr(module, "_runs_across", lambda fit, points_px: False)
     assert module._may_be_of_any_size(cast("Any", task), cast("Any", usual), []) is asks
+    # what runs as a goal line asks however short it is, but for the halfway line and lines of few points
+    monkeypatch.setattr(module, "_runs_across", lambda fit, points_px: points_px[-1, 0] in (40.0, nameless_px, 400.0))
+    usual[0].names[3] = "goal_line_left"
+    assert not module._may_be_of_any_size(cast("Any", task), cast("Any", usual), [])
+    del usual[0].names[3]
+    assert module._may_be_of_any_size(cast("Any", task), cast("Any", usual), []) is (nameless_px > 0.08 * 1280)
+
+
+@pytest.mark.parametrize(("turn_deg", "is_across"), [(90.0, True), (86.0, True), (80.0, False), (0.0, False)])
+def test_a_line_that_runs_as_goal_lines_do_is_told_on_the_field(turn_deg, is_across):
+    fit = fit_without_lines()
+    along = np.array([np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))])
+    places = np.array([3.0, -4.0]) + np.linspace(0.0, 8.0, 9)[:, None] * along
+    pixels = project(fit.state.best().theta, places[None], fit.problem.model).pixels[0]
+    assert module._runs_across(fit, pixels) is is_across

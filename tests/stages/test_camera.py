@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from circlecal.camera.field_evidence import log_evidence
 from circlecal.camera.options import CameraConfig, priors_of
 from circlecal.camera.problem import evaluate, with_priors
 from circlecal.camera.residuals import ground_feet
-from circlecal.camera.spike_and_slab import USUAL, log_evidence
+from circlecal.camera.world import USUAL
 from circlecal.estimation.completion import strongest_barrel
 from circlecal.estimation.task import Task
 from circlecal.evaluation.bench.scenarios import KNOWN, select_rows

@@ -7,7 +7,8 @@ import pytest
 
 from circlecal.camera.options import CameraConfig
 from circlecal.camera.priors import Priors
-from circlecal.camera.spike_and_slab import World, possible_worlds, shares_of_sizes
+from circlecal.camera.spike_and_slab import possible_worlds, shares_of_sizes
+from circlecal.camera.world import World
 from circlecal.config import Config
 from circlecal.errors import ConfigError
 from circlecal.field import load_field

@@ -1,0 +1,90 @@
+"""One hypothesis about the field: its size, and whether it is flat or crowned, as priors of the camera's fit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from circlecal.camera.priors import Priors
+from circlecal.camera.problem import Problem, State, with_priors, with_upright
+from circlecal.field import FieldTemplate
+from circlecal.geometry.camera_parameters import INDEX
+
+SIZES_AND_CROWN = LENGTH, BREADTH, CROWN = [INDEX[name] for name in ("length", "breadth", "crown")]
+CURVED_SHARE = 0.25
+"""Of crowned fields, those whose profile is a parabola and no roof. In real frames of 30 fields the roof explains more
+by 0.4 to 38 (logarithm of the evidence) in 27, the parabola by 1.5 at most in the others.
+"""
+FLAT_SD_M = 0.005
+"""Of the drop of a flat field at the circle's radius, metres: artificial turf is laid to a centimetre."""
+FLAT_RELIEF_SHARE = 1.0 / 3.0
+"""How far the ground at a mark of a flat field lies above or below its profile, over that at a mark of a crowned one:
+artificial turf is laid to a centimetre all over.
+"""
+
+Size = Literal["usual", "other_length", "any"]
+"""Of a field: that of the template, its width with any length that the rules allow, or any that they allow."""
+
+
+@dataclass(frozen=True, slots=True)
+class World:
+    """What one hypothesis says of the field, and the share of fields that are like that: its size, flat or crowned, and
+    where it is crowned, with a curved profile or with that of the problem.
+    """
+
+    size: Size
+    is_flat: bool
+    share: float
+    is_curved: bool = False
+
+    @property
+    def is_usual_size(self) -> bool:
+        """Whether the field is as long and as wide as the template's."""
+        return self.size == "usual"
+
+    def priors(self, current: Priors, usual: Priors, template: FieldTemplate) -> Priors:
+        """Priors with sizes and crown as in this world, and all else as they are.
+
+        Parameters
+        ----------
+        current : Priors
+            What is kept but for sizes and crown.
+        usual : Priors
+            Of a crowned field of the usual size.
+        template : FieldTemplate
+            With the sizes that the rules allow.
+        """
+        mean, sd = current.mean.copy(), current.sd.copy()
+        mean[SIZES_AND_CROWN], sd[SIZES_AND_CROWN] = usual.mean[SIZES_AND_CROWN], usual.sd[SIZES_AND_CROWN]
+        is_usual = self.size == "usual", self.size != "any"
+        for index, is_known, extent in zip((LENGTH, BREADTH), is_usual, template.extents, strict=True):
+            if not is_known and extent.range_m is not None and sd[index] > 0:
+                # mean and standard deviation of a uniform distribution
+                least, most = extent.range_m
+                mean[index], sd[index] = (least + most) / 2.0 - extent.size_m, (most - least) / np.sqrt(12.0)
+        if self.is_flat and sd[CROWN] > 0:
+            mean[CROWN], sd[CROWN] = 0.0, FLAT_SD_M
+        elif self.is_curved:
+            # a parabola falls as far as a roof does where the field ends
+            share = template.circle_by_name[template.default_circle].radius_m / (0.5 * template.width_m)
+            mean[CROWN], sd[CROWN] = share * mean[CROWN], share * sd[CROWN]
+        return replace(current, mean=mean, sd=sd)
+
+    def enter(self, problem: Problem, state: State, usual: Priors, template: FieldTemplate) -> tuple[Problem, State]:
+        """A problem of a crowned field with what this world says, and its state in it."""
+        problem, state = with_priors(problem, state, self.priors(problem.priors, usual, template))
+        points = problem.points
+        if not self.is_flat or points.upright_px is None:
+            return problem, state
+        relief_px = FLAT_RELIEF_SHARE * np.sqrt(points.upright_px**2 - points.sigma_px**2)
+        return with_upright(problem, state, np.hypot(points.sigma_px, relief_px))
+
+    def curve(self) -> World:
+        """This crowned world with a curved profile."""
+        return replace(self, share=self.share * CURVED_SHARE / (1.0 - CURVED_SHARE), is_curved=True)
+
+
+USUAL = World("usual", False, 1.0)
+"""What is assumed where nothing else can be told."""
