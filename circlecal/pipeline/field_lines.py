@@ -19,6 +19,7 @@ from circlecal.pipeline.other_circles import masks_without_circle
 from circlecal.pipeline.refinements import Retry, is_less_uncertain
 from circlecal.pipeline.setting import Scene, Setting, lighten_markings
 from circlecal.pipeline.size_by_circle import HALF_CIRCLE, find_size_by_circle, misses_circle
+from circlecal.pipeline.two_lights import join_lights
 from circlecal.results import Attempt, CameraFit, MarkingMask, RoughCamera
 from circlecal.stages.confirm import look_for_markings
 from circlecal.stages.evidence import measure_evidence
@@ -71,10 +72,13 @@ def _shows_field_lines(setting: Setting, first: Attempt) -> bool:
 
 def take_field_lines(setting: Setting, scene: Scene, first: Attempt) -> Iterator[Attempt]:
     """The attempt, where it calibrates, with the straight markings and arcs that together look like a part of the
-    field: those beside the circle that was refused, then those that are seen where nothing is taken for it.
+    field: those beside the circle that was refused, then those that are seen where nothing is taken for it, then those
+    in the sun and in the shade.
     """
     beside = () if first.mask is None else (first.mask,)
-    for mask in chain(beside, masks_without_circle(setting, scene, first)):
+    in_all_lights = (join_lights(mask, scene.image) for mask in beside)
+    joined = (mask for mask in in_all_lights if mask is not None)
+    for mask in chain(beside, masks_without_circle(setting, scene, first), joined):
         attempt = calibrate_by_lines(setting, scene, mask)
         if attempt is not None:
             yield replace(attempt, mask=mask)

@@ -34,7 +34,7 @@ def tries(monkeypatch):
 
 
 def test_lines_that_were_tried_are_not_tried_again(tries):
-    setting, scene = SimpleNamespace(), SimpleNamespace(looks=Looks())
+    setting, scene = SimpleNamespace(), SimpleNamespace(looks=Looks(), image=np.zeros((9, 9, 3), np.uint8))
     first = field_lines.calibrate_by_lines(setting, scene, see_lines())
     assert field_lines.calibrate_by_lines(setting, scene, see_lines()) is first
     again = see_lines()
@@ -44,7 +44,7 @@ def test_lines_that_were_tried_are_not_tried_again(tries):
 
 
 def test_other_lines_and_other_fields_are_tried(tries):
-    setting, scene = SimpleNamespace(), SimpleNamespace(looks=Looks())
+    setting, scene = SimpleNamespace(), SimpleNamespace(looks=Looks(), image=np.zeros((9, 9, 3), np.uint8))
     for tried in ((setting, see_lines()), (setting, see_lines(0.5)), (SimpleNamespace(), see_lines(0.5))):
         field_lines.calibrate_by_lines(tried[0], scene, tried[1])
     assert len(tries) == 3
@@ -136,7 +136,7 @@ def test_a_camera_that_misses_a_circle_in_plain_view_is_no_answer(monkeypatch):
 
 def test_lines_are_read_anew_where_a_refused_circle_had_taken_some(tries, monkeypatch):
     """Nothing is taken for a circle then."""
-    setting, scene = SimpleNamespace(), SimpleNamespace(looks=Looks())
+    setting, scene = SimpleNamespace(), SimpleNamespace(looks=Looks(), image=np.zeros((9, 9, 3), np.uint8))
     one, other = np.diag([1.0, 1.0, -1.0]), np.diag([1.0, 2.0, -1.0])
     masks = iter([replace(see_lines(0.1), conic=other), see_lines(0.2)])
     asked = []
@@ -153,3 +153,12 @@ def test_lines_are_read_anew_where_a_refused_circle_had_taken_some(tries, monkey
     assert [mask.conic is None for mask in taken] == [False, True]
     sure = replace(first, verdict=Verdict("refused", "too_uncertain", "", "verdict"))
     assert len([*field_lines.take_field_lines(setting, scene, sure)]) == 1
+
+
+def test_lines_in_the_sun_and_in_the_shade_are_tried_together_at_last(tries, monkeypatch):
+    joined = see_lines(0.3)
+    monkeypatch.setattr(field_lines, "join_lights", lambda mask, image: joined)
+    scene = SimpleNamespace(looks=Looks(), image=np.zeros((9, 9, 3), np.uint8))
+    first = Attempt(mask=see_lines())
+    taken = [attempt.mask for attempt in field_lines.take_field_lines(SimpleNamespace(), scene, first)]
+    assert [mask is other for mask, other in zip(taken, (first.mask, joined), strict=True)] == [True, True]

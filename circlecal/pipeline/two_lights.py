@@ -1,0 +1,78 @@
+"""A field that lies partly in deep shade: what is seen in the sun and what is seen in the shade, taken together."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from circlecal.geometry.projective import Array, join, lift, normalise_line
+from circlecal.results import MarkingMask, Segment
+
+SHADE_TURN_DEG, LEAST_CHROMA = 10.0, 8.0
+"""By how much shade turns the hue of the field in CIE Lab, and levels of a and b from grey below which a surface has no
+hue. On a rendered pitch the deep shade of a stand turns it by 3 degrees.
+"""
+SAME_LINE_PX = 4.0
+"""Pixels at 1920 px width within which both ends of a segment lie on the line of another one that is seen on the other
+part of the field, too."""
+
+
+def join_lights(mask: MarkingMask, image: NDArray[np.uint8]) -> MarkingMask | None:
+    """The markings of all surfaces of a picture (H, W, 3) that have the hue of the field, which shade leaves it; None
+    where other surfaces add no straight marking.
+    """
+    own = mask.field_region
+    if own is None or mask.polarity is None or len(mask.sightings) < 2:
+        return None
+    near_px = SAME_LINE_PX * image.shape[1] / 1920.0
+    hue, lines, region = _hue(image, own), mask.lines, own
+    for seen in mask.sightings:
+        if seen.polarity != mask.polarity or seen.field_region is None or not seen.lines:
+            continue
+        if hue is None or not _is_near(hue, _hue(image, seen.field_region)):
+            continue
+        joined = _join_lines(lines, seen.lines, near_px)
+        if any(all(line is not other for other in lines) for line in joined):
+            lines, region = joined, region | seen.field_region
+    return None if lines is mask.lines else replace(mask, lines=lines, field_region=region)
+
+
+def _join_lines(first: tuple[Segment, ...], second: tuple[Segment, ...], near_px: float) -> tuple[Segment, ...]:
+    """The lines of two parts of the field, of one that both show the longer piece."""
+    kept = [a for a in first if not any(_lies_on(a, b, near_px) and _length(a) < _length(b) for b in second)]
+    return (*kept, *(b for b in second if not any(_lies_on(b, a, near_px) for a in kept)))
+
+
+def _hue(image: NDArray[np.uint8], region: NDArray[np.bool_]) -> float | None:
+    """Median hue of a surface in CIE Lab, radians; None where it has none, or there is no surface."""
+    height, width = region.shape
+    small = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
+    colours = cv2.cvtColor(np.asarray(small, np.uint8), cv2.COLOR_BGR2LAB)[region]
+    if len(colours) == 0:
+        return None
+    a, b = np.median(colours[:, 1:].astype(np.float64), axis=0) - 128.0
+    return float(np.arctan2(b, a)) if np.hypot(a, b) >= LEAST_CHROMA else None
+
+
+def _is_near(one: float, other: float | None) -> bool:
+    """Whether two hues, radians, are alike."""
+    return other is not None and abs(np.remainder(one - other + np.pi, 2.0 * np.pi) - np.pi) < np.radians(
+        SHADE_TURN_DEG
+    )
+
+
+def _length(segment: Segment) -> float:
+    """Distance between the ends, pixels."""
+    return float(np.hypot(*(segment.end - segment.start)))
+
+
+def _lies_on(segment: Segment, other: Segment, near_px: float) -> bool:
+    """Whether a segment lies on another's line and beside a part of it."""
+    along = other.end - other.start
+    line = normalise_line(join(lift(other.start), lift(other.end)))
+    ends: Array = np.stack([segment.start, segment.end])
+    share = np.sort((ends - other.start) @ along / max(float(along @ along), 1e-9))
+    return bool((np.abs(lift(ends) @ line) < near_px).all() and share[0] < 1.0 and share[1] > 0.0)
