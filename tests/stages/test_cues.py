@@ -389,6 +389,31 @@ def test_a_line_in_another_paint_is_left_out(painted):
     assert leave_out_other_paints(image, Cues(None, None, tuple(lines)), EllipseFits(None, None, None), 5.0).lines
 
 
+GRASS, WOOD = (0, 40, 5), (0, 20, 60)
+"""What the ground is lighter than grey by, in blue, green and red."""
+
+
+@pytest.mark.parametrize(
+    ("ground", "added", "is_kept"),
+    [
+        (GRASS, (100, 100, 100), True),
+        (GRASS, (34, 64, 71), False),  # yellow
+        (GRASS, (38, 75, 64), True),  # smeared with grass
+        (GRASS, (4, 8, 8), True),  # too faint
+        (WOOD, (34, 64, 71), True),  # smeared with wood
+    ],
+)
+def test_yellow_that_compression_has_made_nearly_white_is_left_out(painted, ground, added, is_kept):
+    """Its colour is as near to the circle's as that of white lines may be."""
+    image = np.clip(painted.image + np.array(ground), 0, 255).astype(np.uint8)
+    cv2.line(image, (200, 100), (200, 300), [90 + below + more for below, more in zip(ground, added, strict=True)], 3)
+    points = np.stack([np.full(100, 200.0), np.linspace(101.0, 299.0, 100)], axis=-1)
+    ends = Segment(points[0], points[-1])
+    line = LineCue(None, np.array([1.0, 0.0, -200.0]), points, np.full(100, 0.1), ends, 0.1, width_px=3.0)
+    fits = EllipseFits(None, None, fit_of(painted.conic(), "center"))
+    assert bool(leave_out_other_paints(image, Cues(None, None, (line,)), fits, 5.0).lines) is is_kept
+
+
 def test_a_rough_line_that_was_measured_in_another_paint_is_told(painted):
     image = painted.image.copy()
     lines, segments = [], []
