@@ -214,15 +214,14 @@ class Candidates:
         hypothesis = describe_circle(circle, float(inside), width)
         hypothesis = replace(hypothesis, checks=check_circle(hypothesis, True, width, config.acceptance))
         refusal = find_refusal(hypothesis.checks)
-        tentative = is_tentative(hypothesis, width, config.acceptance, has_halfway=True)
+        tentative = is_tentative(hypothesis, width, config.acceptance)
         painted = replace(
             hypothesis, painted_share=1.0
         )  # faint paint is only looked for where it would change something
-        may_be_faint = is_tentative(painted, width, config.acceptance, has_halfway=True)
-        if refusal == "circle_support_too_low" and not tentative and may_be_faint:
+        if refusal == "circle_support_too_low" and not tentative and is_tentative(painted, width, config.acceptance):
             share, sectors = measure_painted_share(gray, ellipse_from_conic(hypothesis.conic), circle.sign)
             hypothesis = replace(hypothesis, painted_share=share if sectors >= FEWEST_SECTORS else 0.0)
-            tentative = is_tentative(hypothesis, width, config.acceptance, has_halfway=True)
+            tentative = is_tentative(hypothesis, width, config.acceptance)
         return _Measured(circle, hypothesis, refusal, tentative)
 
     def _add_halfway(self, measured: _Measured, ruled_out: tuple[Interpretation, ...]) -> _Candidate:
@@ -238,8 +237,6 @@ class Candidates:
         is_alone = halfway is None and measured.is_tentative and hypothesis.painted_share == 0.0
         if refusal is not None and halfway is not None and not is_drawn_on_both_sides(circle, halfway.line):
             halfway = None
-        if refusal is not None and not is_tentative(hypothesis, width, config.acceptance, halfway is not None):
-            return _Candidate(circle, hypothesis, refusal, arc=find_longest_arc(circle, hypothesis, width))
         return _Candidate(
             circle, hypothesis, refusal, halfway, hypothesis if is_alone else None, is_ruled_out=bool(ruled_out)
         )

@@ -71,12 +71,6 @@ TENTATIVE_SHARE = 0.5
 TENTATIVE_PAINTED_SHARE = 0.55
 """Smallest share of its sectors in which paint stands out on average, for faint paint which single places do not show;
 ellipses stitched from streaks have less than half."""
-TENTATIVE_PART = 0.4
-"""Smallest share of the visible circle, and of the whole one, that is drawn, where a halfway line runs through its
-middle and something else must confirm it: half of it is worn off. Of 160 rendered worn circles two are calibrated with
-it that were refused, both good. Ellipses that are put together from the lines of a penalty area have as much, and no
-such line.
-"""
 TENTATIVE_WHOLE_SHARE = 0.14
 """Smallest share of the whole ellipse that is drawn, where something else must confirm it."""
 
@@ -279,17 +273,14 @@ def is_drawn_on_both_sides(circle: MeasuredCircle, line: Array) -> bool:
     return True
 
 
-def is_tentative(circle: CircleHypothesis, width: int, config: AcceptanceConfig, has_halfway: bool) -> bool:
+def is_tentative(circle: CircleHypothesis, width: int, config: AcceptanceConfig) -> bool:
     """Whether a circle of a picture of this width that is not accepted by itself may be the one, should another marking
-    at its place, or the centre mark, confirm it: worn, mostly hidden, or a short arc; with a halfway line through its
-    middle also where less of it is drawn.
+    at its place, or the centre mark, confirm it: worn, mostly hidden, or a short arc.
     """
     if not config.even_width and circle.band_width is not None and circle.band_width < THINNEST_BAND:
         return False
     if circle.rms_px > _largest_rms(circle, width, config) or circle.whole_share < TENTATIVE_WHOLE_SHARE:
         return False
-    if has_halfway and min(circle.whole_share, circle.least_share) >= TENTATIVE_PART:
-        return True
     return circle.least_share >= TENTATIVE_SHARE or circle.painted_share >= TENTATIVE_PAINTED_SHARE
 
 

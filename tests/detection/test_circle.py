@@ -12,7 +12,6 @@ from circlecal.detection.circle import (
     describe_circle,
     find_refusal,
     hide_samples,
-    is_tentative,
     measure_band_width,
     measure_circle,
 )
@@ -35,18 +34,6 @@ def judged(whole: float = 0.95, share: float = 0.95, rms: float = 0.5) -> Circle
 
 def refusal(circle: CircleHypothesis, has_halfway: bool) -> str | None:
     return find_refusal(check_circle(circle, has_halfway, 1920, GATES))
-
-
-@pytest.mark.parametrize(
-    ("whole", "share", "with_line", "alone"),
-    [(0.45, 0.45, True, False), (0.45, 0.35, False, False), (0.35, 0.45, False, False), (0.45, 0.55, True, True)],
-)
-def test_a_worn_circle_may_be_confirmed_with_less_of_it_where_a_line_runs_through_its_middle(
-    whole: float, share: float, with_line: bool, alone: bool
-) -> None:
-    circle = judged(whole, share)
-    assert is_tentative(circle, 1920, GATES, has_halfway=True) is with_line
-    assert is_tentative(circle, 1920, GATES, has_halfway=False) is alone
 
 
 def test_a_good_circle_needs_no_line() -> None:
