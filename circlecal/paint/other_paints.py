@@ -58,8 +58,9 @@ def leave_out_other_paints(image: NDArray[np.uint8], cues: Cues, ellipses: Ellip
     kept = tuple(
         line
         for line, own in zip(cues.lines, added, strict=True)
-        if match_paint(own, colour) and not _is_yellow_on_grass(image, line, own, colour)
-        if not _is_halo(image, line, colour)
+        if match_paint(own, colour)
+        and not _is_yellow_on_grass(image, line, own, colour)
+        and not _is_halo(image, line, colour)
     )
     return replace(cues, lines=kept)
 

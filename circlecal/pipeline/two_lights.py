@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import cv2
 import numpy as np
@@ -28,16 +30,26 @@ def join_lights(mask: MarkingMask, image: NDArray[np.uint8]) -> MarkingMask | No
     if own is None or mask.polarity is None or len(mask.sightings) < 2:
         return None
     near_px = SAME_LINE_PX * image.shape[1] / 1920.0
-    hue, lines, region = _hue(image, own), mask.lines, own
+    hue, lines, region, parts = _hue(image, own), mask.lines, own, [mask]
     for seen in mask.sightings:
         if seen.polarity != mask.polarity or seen.field_region is None or not seen.lines:
             continue
-        if hue is None or not _is_near(hue, _hue(image, seen.field_region)):
+        if hue is None or not _are_alike(hue, _hue(image, seen.field_region)):
             continue
         joined = _join_lines(lines, seen.lines, near_px)
         if any(all(line is not other for other in lines) for line in joined):
-            lines, region = joined, region | seen.field_region
-    return None if lines is mask.lines else replace(mask, lines=lines, field_region=region)
+            lines, region, parts = joined, region | seen.field_region, [*parts, seen]
+    if len(parts) == 1:
+        return None
+    return replace(mask, drawn=partial(_draw, parts), lines=lines, field_region=region)
+
+
+def _draw(parts: Sequence[MarkingMask]) -> NDArray[np.uint8]:
+    """Classes (H, W) of the markings of all parts, those of the first ones over the others."""
+    classes = parts[0].classes
+    for part in parts[1:]:
+        classes = np.where(classes > 0, classes, part.classes)
+    return classes
 
 
 def _join_lines(first: tuple[Segment, ...], second: tuple[Segment, ...], near_px: float) -> tuple[Segment, ...]:
@@ -57,11 +69,12 @@ def _hue(image: NDArray[np.uint8], region: NDArray[np.bool_]) -> float | None:
     return float(np.arctan2(b, a)) if np.hypot(a, b) >= LEAST_CHROMA else None
 
 
-def _is_near(one: float, other: float | None) -> bool:
+def _are_alike(one: float, other: float | None) -> bool:
     """Whether two hues, radians, are alike."""
-    return other is not None and abs(np.remainder(one - other + np.pi, 2.0 * np.pi) - np.pi) < np.radians(
-        SHADE_TURN_DEG
-    )
+    if other is None:
+        return False
+    turn = np.remainder(one - other + np.pi, 2.0 * np.pi) - np.pi
+    return bool(np.abs(turn) < np.radians(SHADE_TURN_DEG))
 
 
 def _length(segment: Segment) -> float:

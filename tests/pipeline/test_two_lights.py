@@ -9,7 +9,6 @@ from circlecal.pipeline.two_lights import join_lights
 from circlecal.results import MarkingMask, Segment
 
 SUN, SHADE, TRACK = (42, 117, 81), (33, 72, 51), (60, 80, 150)
-NOTHING = np.zeros((360, 640), np.uint8)
 BOTTOM, TOP = np.arange(90) >= 45, np.arange(90) < 45
 
 
@@ -19,7 +18,8 @@ def segment(*ends: float) -> Segment:
 
 def seen_on(rows: np.ndarray, *lines: Segment, polarity: float = 1.0) -> MarkingMask:
     region = np.repeat(rows[:, None], 160, axis=1)
-    return MarkingMask(NOTHING, "detector", lines=lines, field_region=region, polarity=polarity)
+    drawn = np.repeat(np.repeat(region, 4, axis=0), 4, axis=1) * np.uint8(17)
+    return MarkingMask(drawn, "detector", lines=lines, field_region=region, polarity=polarity)
 
 
 def picture(top: tuple[int, int, int]) -> np.ndarray:
@@ -45,6 +45,7 @@ def test_lines_in_the_shade_of_the_field_are_added(top, polarity, joins):
         assert [id(line) for line in joined.lines] == [id(line) for line in (IN_SUN, IN_SHADE, GOES_ON)]
         assert joined.field_region is not None
         assert joined.field_region.all()
+        assert (joined.classes == 17).all()
 
 
 def test_a_line_that_both_parts_show_is_taken_once():
