@@ -88,6 +88,11 @@ REVERSALS = (4, 8, 12, 16)
 """Powers of the depth by which squared widths are changed: the camera that is fitted to a picture turned upside down
 sees less perspective than there is, since the circle tells it no other.
 """
+TELLING_SHARE = 0.25
+"""Of the misfit that a camera leaves, the least that exchanged near and far must explain: paint that neither explains
+has an old coat beside it, which widens it here and not there. Of six pictures turned upside down or mirrored they
+explain 0.35 to 0.86, of five right cameras of rendered fields with old coats 0.13 to 0.18.
+"""
 
 
 def measure_evidence(
@@ -218,7 +223,8 @@ def _bare_parts(
 
 
 def _reversal(painted: MeasuredCurve, own: MarkingPlaces, fit: CameraFit, template: FieldTemplate) -> float:
-    """How much better exchanged near and far explain the paint's widths.
+    """How much better exchanged near and far explain the paint's widths; nothing where they explain little of what is
+    unexplained.
 
     Blur adds to the width of paint in squares, ``m^2 = g w^2 + b_x n_x^2 + b_y n_y^2``, with the predicted width ``w``,
     the normal ``n`` and no negative coefficient: a pan blurs what it sweeps across, not what runs along with it. Scale
@@ -242,7 +248,9 @@ def _reversal(painted: MeasuredCurve, own: MarkingPlaces, fit: CameraFit, templa
     width, measured, depth, across = width[known] ** 2, measured[known] ** 2, depth[known], across[known]
     relative = depth / np.exp(np.mean(np.log(depth)))
     blur = np.stack([across, 1.0 - across], axis=-1)
-    return _misfit(width, blur, measured) - min(_misfit(width * relative**k, blur, measured) for k in REVERSALS)
+    left = _misfit(width, blur, measured)
+    explained = left - min(_misfit(width * relative**k, blur, measured) for k in REVERSALS)
+    return explained if explained > TELLING_SHARE * left else min(explained, 0.0)
 
 
 def _median_by_piece(values: Array, pieces: NDArray[np.int64], count: NDArray[np.int_]) -> Array:

@@ -12,6 +12,7 @@ from circlecal.geometry.camera_parameters import PARAMETERS, ProjectionModel, th
 from circlecal.geometry.surface import Surface
 from circlecal.observations import MarkingKey
 from circlecal.results import Agreement, Evidence, MarkingMask, Segment, Surroundings, Verdict
+from circlecal.stages import evidence as module
 from circlecal.stages.evidence import _misfit, measure_evidence
 from circlecal.stages.verdict_on_picture import weigh_evidence
 
@@ -120,6 +121,15 @@ def test_paint_that_grows_with_the_distance_is_a_picture_turned_upside_down():
     found = measure_evidence(paint(grows=2.0), mask_of(), camera, SOCCER, CARRIERS)
     assert found.reversal > 3.0
     assert weigh(found, replace(camera, named_lines=())).code == "picture_contradicts"
+
+
+@pytest.mark.parametrize(("left", "exchanged", "told"), [(10.1, 6.5, 3.6), (28.5, 23.3, 0.0), (20.0, 24.0, -4.0)])
+def test_widths_that_neither_camera_explains_tell_nothing(plain, left, exchanged, told, monkeypatch):
+    """An old coat beside the paint widens it here and not there."""
+    misfits = iter([left, *(exchanged + 1.0,) * 3, exchanged])
+    monkeypatch.setattr(module, "_misfit", lambda *given: next(misfits))
+    found = measure_evidence(plain, mask_of(), fit_of(CAMERA), SOCCER, CARRIERS)
+    assert found.reversal == pytest.approx(told)
 
 
 def test_a_pan_widens_what_it_sweeps_across(plain):
