@@ -34,6 +34,7 @@ from circlecal.geometry.camera_parameters import INDEX, level_points
 from circlecal.geometry.least_squares import StoppingRule
 from circlecal.geometry.medians import median_of_rows
 from circlecal.geometry.projective import Array
+from circlecal.line_naming.hypotheses import find_nameless_lines
 
 DOUBTED_SHARE = 0.1
 """Posterior probability of another size from which on the lines are named anew for such a field: below it the second
@@ -78,9 +79,9 @@ ROUGH = StoppingRule(1e-3, unit=np.inf)
 so narrow makes the last steps to the optimum many and short.
 """
 
-FEWEST_POINTS, NAMELESS_WIDTHS = 8, 0.2
-"""Points of a line that is worth a name, and the length over which all those without one are seen, picture widths, from
-which on they ask for one: two lines of a penalty area of a field of another length are 0.25 to 0.4 long together.
+NAMELESS_WIDTHS = 0.2
+"""Length over which all lines without a name are seen, picture widths, from which on they ask for one: two lines of a
+penalty area of a field of another length are 0.25 to 0.4 long together.
 """
 
 ACROSS_SLOPE, ACROSS_WIDTHS = 0.1, 0.08
@@ -355,14 +356,12 @@ def _may_be_of_any_size(task: Task, usual: tuple[Task, Fit], answers: list[Answe
     named, fit = usual
     if depends_on_size(fit.problem.curves) and _doubt(answers) > DOUBTED_SHARE:
         return True
-    lines = enumerate(task.observations.lines)
-    length_px = {k: _length_of_view_px(line.points_px) for k, line in lines if len(line.points_px) >= FEWEST_POINTS}
-    nameless = {k for k in length_px if task.observations.lines[k].line is None and k not in named.names}
-    nameless_px = sum(length_px[k] for k in nameless)
-    named_px = sum(length_px.get(k, 0.0) for k in named.names)
+    seen = [line.points_px for line in task.observations.lines]
+    length_px = {k: _length_of_view_px(seen[k]) for k in find_nameless_lines(task.observations)}
+    named_px = sum(length_px.pop(k, 0.0) for k in named.names)
+    nameless_px = sum(length_px.values())
     least_px = ACROSS_WIDTHS * task.observations.width
-    long = [task.observations.lines[k].points_px for k in nameless if length_px[k] > least_px]
-    if any(_runs_across(fit, points_px) for points_px in long):
+    if any(length > least_px and _runs_across(fit, seen[k]) for k, length in length_px.items()):
         return True
     if len(set(named.names.values())) >= SETTLING_LINES and nameless_px < SETTLED_SHARE * named_px:
         return False

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.geometry.projective import Array, line_distance
-from circlecal.paint.colour import match_paint, measure_added_colour
+from circlecal.paint.colour import colours_at, match_paint, measure_added_colour
 from circlecal.results import Cues, EllipseFits, LineCue, Segment
 
 __all__ = ["are_painted_otherwise", "leave_out_other_paints"]
@@ -89,12 +89,13 @@ def _is_yellow_on_grass(image: NDArray[np.uint8], line: LineCue, added: Array, c
     the colours of narrow lines so far that yellow looks nearly white. On wood it makes white lines yellow.
     """
     strength = float(np.linalg.norm(added))
-    x, y = np.clip(np.rint(line.points_px), 0, (image.shape[1] - 1, image.shape[0] - 1)).astype(np.int64).T
-    ground = np.median(image[y, x], axis=0) - added
-    if strength < LEAST_YELLOW or int(ground.argmax()) != GREEN:
+    if strength < LEAST_YELLOW:
         return False
     blue, _, red = added / strength - colour / max(float(np.linalg.norm(colour)), 1e-9)
-    return bool(blue < -LESS_BLUE and red > MORE_RED)
+    if blue >= -LESS_BLUE or red <= MORE_RED:
+        return False
+    ground = np.median(colours_at(image, line.points_px), axis=0) - added
+    return int(ground.argmax()) == GREEN
 
 
 def _is_halo(image: NDArray[np.uint8], line: LineCue, colour: Array) -> bool:
@@ -104,8 +105,7 @@ def _is_halo(image: NDArray[np.uint8], line: LineCue, colour: Array) -> bool:
     scale = max(1.0, image.shape[1] / 1280.0)
     away_px = np.arange(-BESIDE_PX, BESIDE_PX + 1)
     places = line.points_px[:, None] + scale * away_px[:, None] * _normal_of(line)
-    x, y = np.clip(np.rint(places), 0, (image.shape[1] - 1, image.shape[0] - 1)).astype(np.int64).transpose(2, 0, 1)
-    profile = np.median(image[y, x] @ (colour / max(float(np.linalg.norm(colour)), 1e-9)), axis=0)
+    profile = np.median(colours_at(image, places) @ (colour / max(float(np.linalg.norm(colour)), 1e-9)), axis=0)
     profile -= np.median(profile)
     own, opposite = (
         float(values[np.abs(away_px) <= reach].max()) for values, reach in ((profile, 1), (-profile, HALO_PX))

@@ -170,9 +170,11 @@ def _is_field_beside(image: NDArray[np.uint8], box: Band, found: list[Band]) -> 
     usual, rest = _usual_colour(_inside_of(image, box)), _elsewhere(image, box)
     if _has_colour(rest, usual).mean() > BESIDE_SHARE:
         return True
+    if not _has_hue(usual):
+        return False
     seen = rest.astype(np.float32)
     alike = _are_alike(seen, usual)
-    if not _has_hue(usual) or alike.mean() <= BESIDE_SHARE:
+    if alike.mean() <= BESIDE_SHARE:
         return False
     return bool(np.linalg.norm(usual) <= LIGHTER * np.median(np.linalg.norm(seen[alike], axis=-1)))
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,13 +74,21 @@ def take_field_lines(setting: Setting, scene: Scene, first: Attempt) -> Iterator
     field: those beside the circle that was refused, then those that are seen where nothing is taken for it, then those
     in the sun and in the shade.
     """
-    beside = () if first.mask is None else (first.mask,)
-    in_all_lights = (join_lights(mask, scene.image) for mask in beside)
-    joined = (mask for mask in in_all_lights if mask is not None)
-    for mask in chain(beside, masks_without_circle(setting, scene, first), joined):
+    for mask in _list_masks(setting, scene, first):
         attempt = calibrate_by_lines(setting, scene, mask)
         if attempt is not None:
             yield replace(attempt, mask=mask)
+
+
+def _list_masks(setting: Setting, scene: Scene, first: Attempt) -> Iterator[MarkingMask]:
+    """What is tried after an attempt, each looked for only where those before it did not calibrate."""
+    if first.mask is None:
+        return
+    yield first.mask
+    yield from masks_without_circle(setting, scene, first)
+    joined = join_lights(first.mask, scene.image)
+    if joined is not None:
+        yield joined
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.geometry.projective import Array, join, lift, normalise_line
+from circlecal.geometry.projective import Array, extent, join, lift, line_distance
+from circlecal.paint.colour import surface_colour
 from circlecal.results import MarkingMask, Segment
 
 SHADE_TURN_DEG, LEAST_CHROMA = 10.0, 8.0
@@ -34,10 +34,9 @@ def join_lights(mask: MarkingMask, image: NDArray[np.uint8]) -> MarkingMask | No
     for seen in mask.sightings:
         if seen.polarity != mask.polarity or seen.field_region is None or not seen.lines:
             continue
-        if hue is None or not _are_alike(hue, _hue(image, seen.field_region)):
-            continue
         joined = _join_lines(lines, seen.lines, near_px)
-        if any(all(line is not other for other in lines) for line in joined):
+        adds_lines = any(all(line is not other for other in lines) for line in joined)
+        if adds_lines and _are_alike(hue, _hue(image, seen.field_region)):
             lines, region, parts = joined, region | seen.field_region, [*parts, seen]
     if len(parts) == 1:
         return None
@@ -54,38 +53,36 @@ def _draw(parts: Sequence[MarkingMask]) -> NDArray[np.uint8]:
 
 def _join_lines(first: tuple[Segment, ...], second: tuple[Segment, ...], near_px: float) -> tuple[Segment, ...]:
     """The lines of two parts of the field, of one that both show the longer piece."""
-    kept = [a for a in first if not any(_lies_on(a, b, near_px) and _length(a) < _length(b) for b in second)]
+    kept = [
+        a for a in first if not any(_lies_on(a, b, near_px) and extent(_ends(a)) < extent(_ends(b)) for b in second)
+    ]
     return (*kept, *(b for b in second if not any(_lies_on(b, a, near_px) for a in kept)))
 
 
 def _hue(image: NDArray[np.uint8], region: NDArray[np.bool_]) -> float | None:
     """Median hue of a surface in CIE Lab, radians; None where it has none, or there is no surface."""
-    height, width = region.shape
-    small = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
-    colours = cv2.cvtColor(np.asarray(small, np.uint8), cv2.COLOR_BGR2LAB)[region]
-    if len(colours) == 0:
+    colour = surface_colour(image, region)
+    if colour is None or np.hypot(colour[1], colour[2]) < LEAST_CHROMA:
         return None
-    a, b = np.median(colours[:, 1:].astype(np.float64), axis=0) - 128.0
-    return float(np.arctan2(b, a)) if np.hypot(a, b) >= LEAST_CHROMA else None
+    return float(np.arctan2(colour[2], colour[1]))
 
 
-def _are_alike(one: float, other: float | None) -> bool:
-    """Whether two hues, radians, are alike."""
-    if other is None:
+def _are_alike(one: float | None, other: float | None) -> bool:
+    """Whether two hues, radians, are alike; what has none is like nothing."""
+    if one is None or other is None:
         return False
     turn = np.remainder(one - other + np.pi, 2.0 * np.pi) - np.pi
     return bool(np.abs(turn) < np.radians(SHADE_TURN_DEG))
 
 
-def _length(segment: Segment) -> float:
-    """Distance between the ends, pixels."""
-    return float(np.hypot(*(segment.end - segment.start)))
+def _ends(segment: Segment) -> Array:
+    """Both ends (2, 2), pixels."""
+    return np.stack([segment.start, segment.end])
 
 
 def _lies_on(segment: Segment, other: Segment, near_px: float) -> bool:
     """Whether a segment lies on another's line and beside a part of it."""
     along = other.end - other.start
-    line = normalise_line(join(lift(other.start), lift(other.end)))
-    ends: Array = np.stack([segment.start, segment.end])
-    share = np.sort((ends - other.start) @ along / max(float(along @ along), 1e-9))
-    return bool((np.abs(lift(ends) @ line) < near_px).all() and share[0] < 1.0 and share[1] > 0.0)
+    off_px = line_distance(join(lift(other.start), lift(other.end)), _ends(segment))
+    share = np.sort((_ends(segment) - other.start) @ along / max(float(along @ along), 1e-9))
+    return bool((np.abs(off_px) < near_px).all() and share[0] < 1.0 and share[1] > 0.0)

@@ -14,7 +14,7 @@ from circlecal.detection import Detection, DetectorConfig, detect
 from circlecal.detection.arcs import GAPLESS_SHARE
 from circlecal.detection.circle import CircleHypothesis
 from circlecal.detection.detector import Sighting
-from circlecal.detection.field_region import find_field_region, surface_colour
+from circlecal.detection.field_region import find_field_region
 from circlecal.detection.marking_mask import MarkingSketch
 from circlecal.detection.networks import SegmentationNetwork, load_network, segment
 from circlecal.detection.options import FieldRegionConfig
@@ -24,6 +24,7 @@ from circlecal.field import FieldTemplate, Ground
 from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.projective import Array, Mask, fit_line, line_distance
 from circlecal.geometry.ransac import ransac_conic
+from circlecal.paint.colour import surface_colour
 from circlecal.refusals import Confidence, refuse
 from circlecal.results import CIRCLE_ID, HALFWAY_ID, CircleCandidate, Interpretation, MarkingMask, SeenArc, Segment
 
@@ -200,7 +201,7 @@ def tell_paint(config: MaskConfig, added_bgr: tuple[float, float, float] | None)
 
 def tell_grounds(image: NDArray[np.uint8]) -> tuple[Ground, ...]:
     """Playing surfaces that a BGR picture (H, W, 3) may show by the colour that dominates it, the likeliest first."""
-    colour = surface_colour(image, find_field_region(image, FieldRegionConfig()))
+    colour = surface_colour(image, find_field_region(image, FieldRegionConfig()).hull)
     if colour is None:
         return ("grass", "floor", "ice")
     level, a, b = colour.tolist()

@@ -9,10 +9,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.detection.field_region import FieldRegion, find_field_region, surface_colour
+from circlecal.detection.field_region import FieldRegion, find_field_region
 from circlecal.field import FieldTemplate
 from circlecal.geometry.projective import Array
 from circlecal.paint.brightness import brightness_of_paint
+from circlecal.paint.colour import surface_colour
 from circlecal.rig.tripod import PLACE, TripodEstimate
 from circlecal.stages.mask import MaskConfig
 from circlecal.tracking.frame_paint import residuals_of
@@ -115,7 +116,7 @@ class LookedAt:
     @cached_property
     def colour(self) -> Array | None:
         """Median a and b (2,) of the playing surface in CIE Lab, levels; None where there is none."""
-        found = surface_colour(self.reduced, self.region)
+        found = surface_colour(self.reduced, self.region.hull)
         return None if found is None else found[1:]
 
     def take_other_surface(self) -> LookedAt:
