@@ -14,6 +14,7 @@ from circlecal.geometry.projective import Array
 from circlecal.rig.tripod import Venue
 from circlecal.tracking.answers import FOLLOWED_FRAMES
 from circlecal.tracking.clock import StageClock
+from circlecal.tracking.coarse_motion import estimate_coarsely
 from circlecal.tracking.entry import EXPECTED_PLACES, ClipFrame, Entry
 from circlecal.tracking.looking import LEAST_PLACES, Look, LookedAt, Place
 from circlecal.tracking.motion import SHUTTER, CornerTrail, Flow, HeadMotion, estimate_motion, move_of_middle
@@ -30,6 +31,10 @@ SEARCH_EVERY = 12
 BACKWARD_FRAMES, BACKWARD_BYTES = 48, 120_000_000
 """Frames without a confirmed camera whose pictures are kept at most, to be followed backwards from one that is found,
 and what their gray levels may take of the memory.
+"""
+MANY_CORNERS = 30
+"""Corners that tell a motion well enough; where fewer do, the picture is smeared, and is followed coarsely. In a
+rendered pan 30 to 150 agree below 150 px a frame at 1920 px width, and none to 20 beyond.
 """
 GUESS_SD_PX, GUESS_SD_ZOOM, GUESS_SHARE = 5.0, 0.004, 0.05
 """Of a head that goes on turning and speeding up as it did, where no motion could be measured: pixels at 1920 px width,
@@ -174,8 +179,8 @@ class Follower:
         else:
             self._trail.forget()
         look = None
-        if before is not None and before.place is not None and flow is not None:
-            look = self._continue(entry, before, picture, flow)
+        if before is not None and last is not None and before.place is not None and flow is not None:
+            look = self._continue(entry, before, last, picture, flow)
         is_lost = look is None or self._contradicted >= PATIENCE or self._unconfirmed > FOLLOWED_FRAMES
         if is_lost:
             if is_followed:
@@ -210,29 +215,34 @@ class Follower:
     def _go_back(self, found: _Kept) -> None:
         """Follow the camera backwards from a frame in which it was found, through the frames in which it was not."""
         later, unconfirmed = found, 0
+        change: Array | None = None
         while self._behind:
             earlier = self._behind.pop()
-            look = self._step_back(later, earlier, unconfirmed)
+            look = self._step_back(later, earlier, unconfirmed, change)
             if look is None:
                 return
             unconfirmed = 0 if look.is_confirmed else unconfirmed + 1
+            change = earlier.entry.head - later.entry.head
             if unconfirmed >= PATIENCE:
                 return
             later = earlier
 
-    def _step_back(self, later: _Kept, earlier: _Kept, unconfirmed: int) -> Look | None:
-        """Follow the camera from a frame into the one before it; None where it cannot be followed."""
+    def _step_back(self, later: _Kept, earlier: _Kept, unconfirmed: int, expected: Array | None) -> Look | None:
+        """Follow the camera from a frame into the one before it, into which the head may be expected to change (3,);
+        None where it cannot be followed.
+        """
         entry, place, flow = later.entry, later.entry.place, later.flow
         if place is None or flow is None or later.picture.size != earlier.picture.size:
             return None
         tripod = place.tripod
         back = Flow(flow.after, flow.before)
-        motion = estimate_motion(back, entry.head, tripod.model, tripod.mean, self._rng, later.picture.small.factor)
+        motion = self._estimate_motion(place, back, later.picture, earlier.picture, entry.head, expected)
         if motion is None:
             return None
         head = entry.head + motion.change
         covariance = motion.covariance + np.diag(np.square(HEAD_SD)) * (1 + unconfirmed)
-        blur = _blur_px(np.median(back.after - back.before, axis=0), earlier.entry, entry)
+        moved = move_of_middle(motion.change, entry.head, tripod.model, tripod.mean)
+        blur = _blur_px(moved, earlier.entry, entry)
         look = place.look(earlier.picture, head, covariance, entry.by_common, blur)
         entry.motion = replace(motion, change=-motion.change)
         earlier.entry.place = place
@@ -241,17 +251,30 @@ class Follower:
             earlier.entry.by_common = entry.by_common
         return look
 
-    def _continue(self, entry: Entry, before: Entry, picture: LookedAt, flow: Flow) -> Look | None:
-        """Follow the camera of the frame before; None where it cannot be followed."""
+    def _estimate_motion(
+        self, place: Place, flow: Flow, first: LookedAt, second: LookedAt, head: Array, expected: Array | None
+    ) -> HeadMotion | None:
+        """How a head (3,) turns from one picture to another, by their corners, or coarsely where these are few, about a
+        change (3,) that may be expected; None where nothing tells it.
+        """
+        tripod = place.tripod
+        motion = estimate_motion(flow, head, tripod.model, tripod.mean, self._rng, first.small.factor)
+        if motion is not None and motion.inliers >= MANY_CORNERS:
+            return motion
+        smeared = estimate_coarsely(first.coarse, second.coarse, expected, head, tripod.model, tripod.mean, self._rng)
+        return motion if smeared is None else smeared
+
+    def _continue(self, entry: Entry, before: Entry, last: LookedAt, picture: LookedAt, flow: Flow) -> Look | None:
+        """Follow the camera of the frame before, which showed the last picture; None where it cannot be followed."""
         place = before.place
         if place is None:
             return None
-        tripod = place.tripod
+        guess = self._guess_motion(place, before)
+        expected = guess.change if self._is_moving else None
         with self._clock.measure("motion"):
-            motion = estimate_motion(flow, before.head, tripod.model, tripod.mean, self._rng, picture.small.factor)
+            motion = self._estimate_motion(place, flow, last, picture, before.head, expected)
         with self._clock.measure("paint"):
             followed = None if motion is None else self._look_along(place, picture, before, entry, motion)
-            guess = self._guess_motion(place, before)
             is_surprise = motion is None or self._is_surprising(place, before, motion, guess)
             if followed is None or is_surprise or _should_show_more(followed.look):
                 # blur leaves no corners but those of players and graphics, and the paint may know better

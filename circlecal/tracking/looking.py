@@ -16,6 +16,7 @@ from circlecal.paint.brightness import brightness_of_paint
 from circlecal.paint.colour import surface_colour
 from circlecal.rig.tripod import PLACE, TripodEstimate
 from circlecal.stages.mask import MaskConfig
+from circlecal.tracking.coarse_motion import coarsen
 from circlecal.tracking.frame_paint import residuals_of
 from circlecal.tracking.head_fit import HeadFit, LinearPaint, count_crossing, fit_head, follow_common
 from circlecal.tracking.markings import DrawnTemplate, place_markings, template_curves
@@ -102,6 +103,11 @@ class LookedAt:
         colours = np.asarray(cv2.resize(fetched, size, interpolation=cv2.INTER_AREA), np.uint8)
         region = find_field_region(colours, mask.detector.field_region)
         return cls(gray, SmallPicture.of(gray), colours, region, mask)
+
+    @cached_property
+    def coarse(self) -> SmallPicture:
+        """For the motion of a smeared picture."""
+        return coarsen(self.small)
 
     @cached_property
     def grass(self) -> NDArray[np.uint8]:

@@ -102,7 +102,12 @@ def find_corners(picture: SmallPicture) -> NDArray[np.float32]:
 
 
 def follow_corners(
-    first: SmallPicture, second: SmallPicture, corners: NDArray[np.float32], expected: Array | None = None
+    first: SmallPicture,
+    second: SmallPicture,
+    corners: NDArray[np.float32],
+    expected: Array | None = None,
+    window: tuple[int, int] = WINDOW,
+    levels: int = LEVELS,
 ) -> Flow:
     """Follow corners from one picture to the next.
 
@@ -114,6 +119,8 @@ def follow_corners(
         Corners of the first one, reduced pixels.
     expected : (2,) array, optional
         How far the picture is expected to move, pixels of the whole one.
+    window, levels : (int, int), int
+        Size of what is compared about a corner, reduced pixels, and how often the pictures are halved to find it.
     """
     if len(corners) < LEAST_INLIERS:
         return Flow(np.zeros((0, 2)), np.zeros((0, 2)))
@@ -126,13 +133,13 @@ def follow_corners(
         second.gray,
         start,
         guess,
-        winSize=WINDOW,
-        maxLevel=LEVELS,
+        winSize=window,
+        maxLevel=levels,
         criteria=criteria,
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
     )
     back, again, _ = cv2.calcOpticalFlowPyrLK(
-        second.gray, first.gray, end, start.copy(), winSize=WINDOW, maxLevel=0, criteria=criteria,
+        second.gray, first.gray, end, start.copy(), winSize=window, maxLevel=0, criteria=criteria,
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
     )  # fmt: skip
     size = np.array(second.gray.shape[::-1], np.float32) - 1
