@@ -24,7 +24,7 @@ from circlecal.estimation.contradictions import (
     find_lone_contradiction,
     find_straining_marking,
 )
-from circlecal.estimation.optima import choose_optimum, distinct_optima
+from circlecal.estimation.optima import choose_optimum, distinct_optima, leave_out_repetitions
 from circlecal.estimation.task import Fit, Task
 from circlecal.estimation.worlds import choose_world
 from circlecal.field import Circle, FieldTemplate
@@ -108,9 +108,8 @@ def _estimate(task: Task, is_draft: bool = False) -> tuple[Task, Fit, tuple[Mark
     if is_draft:
         task, fit = complete(task, problem.curves, settle(task, problem, state, COARSE))
         return task, fit, rejected
-    finished = [
-        choose_world(task, problem.curves, fit, complete(task, problem.curves, fit))
-        for fit in (settle(task, problem, start, COARSE) for start in distinct_optima(problem, state))
-    ]
+    settled = [settle(task, problem, start, COARSE) for start in distinct_optima(problem, state)]
+    completed = leave_out_repetitions([(fit, complete(task, problem.curves, fit)) for fit in settled])
+    finished = [choose_world(task, problem.curves, fit, usual) for fit, usual in completed]
     task, fit = choose_optimum(finished, len(problem.curves.keys)) if len(finished) > 1 else finished[0]
     return task, fit, rejected

@@ -71,3 +71,14 @@ def test_a_camera_on_a_field_of_another_size_is_told_as_that(fits, monkeypatch):
 def test_several_more_lines_outweigh_what_noise_each_leaves(others, taken, monkeypatch, fits):
     task, _ = choose(fits, (10.0, 0.0), monkeypatch, ({}, others))
     assert task.number == taken
+
+
+@pytest.mark.parametrize(("moved_m", "names", "left"), [(0.0, {}, 1), (AWAY_M, {}, 2), (0.0, {1: "side_line_top"}, 2)])
+def test_an_optimum_that_has_come_to_where_the_first_one_is_is_followed_no_further(fits, moved_m, names, left):
+    first = fits[0]
+    apart = np.zeros_like(first.state.theta)
+    apart[0, 4] = moved_m
+    other = replace(first, state=replace(first.state, theta=first.state.theta + apart))
+    tasks = [cast("Any", SimpleNamespace(names=given)) for given in ({}, names)]
+    completed = [(fit, (task, fit)) for task, fit in zip(tasks, (first, other), strict=True)]
+    assert module.leave_out_repetitions(completed) == completed[:left]
