@@ -45,15 +45,17 @@ def leave_out_old_coat(setting: Setting, scene: Scene, attempt: Attempt) -> Iter
     cleaned = _clean_in_rounds(setting, scene, attempt, may_be_alike=False)
     if cleaned is None and _noise(attempt) > UNEXPLAINED_NOISE:
         cleaned = _clean_in_rounds(setting, scene, attempt, may_be_alike=True)
-        if _noise(cleaned) > LESS_NOISE * _noise(attempt):
+        if cleaned is None or _noise(cleaned) > LESS_NOISE * _noise(attempt):
             return
+        cleaned = estimate(setting, replace(cleaned, verdict=None))
     if cleaned is not None:
         yield cleaned
 
 
 def _clean_in_rounds(setting: Setting, scene: Scene, attempt: Attempt, may_be_alike: bool) -> Attempt | None:
     """The attempt with the circle measured without an old coat, again along the camera that this leads to while that
-    explains what was seen as well; None where no coat is told.
+    explains what was seen as well; None where no coat is told. Of coats that may be alike the cameras are drafts: few
+    are believed.
     """
     last = None
     for _ in range(MOST_COAT_ROUNDS):
@@ -85,7 +87,11 @@ def _clean_circle(setting: Setting, scene: Scene, attempt: Attempt, may_be_alike
         cleaned = [remove_old_coat(picture, camera.view, circle, radius_m, coat) for coat in coats]
     found = [measure_curves(setting, clean, camera, (circle,), edges.noise, scene.covered) for clean in cleaned]
     tried = [
-        estimate(setting, replace(attempt, observations=replace_curves(observations, curves), verdict=None))
+        estimate(
+            setting,
+            replace(attempt, observations=replace_curves(observations, curves), verdict=None),
+            is_draft=may_be_alike,
+        )
         for curves in found
         if curves
     ]
