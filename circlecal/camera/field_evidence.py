@@ -102,19 +102,20 @@ def _log_agreement_with_reach(problem: Problem, state: State, covariance: Array,
     few = 1 + int(END_SHARE * len(own))
     if len(own) < 2 * few or np.abs(np.abs(drawn[:, axis]) - half_m).max() > template.marking_width_m:
         return 0.0
-    theta = state.theta[0]
+    theta, sides = state.theta[0], np.array([-1.0, 1.0])
     places = curves.origin[own] + state.feet[0, own, None] * curves.direction[own]
     order = np.argsort(places[:, axis])
     ends = places[order[[few - 1, -few]]]
+    beyond = sides * ends[:, axis] - half_m - 0.5 * theta[size]
+    if (beyond <= 0.0).all():
+        return 0.0
     by_theta, by_field = (rows[0] for rows in project(theta[None], ends[None], problem.model).jacobians())
     tangent = by_field[:, :, axis]
     length2 = np.maximum((tangent * tangent).sum(axis=-1), 1e-12)
-    sides = np.array([-1.0, 1.0])
     slope = -(sides / length2)[:, None] * (tangent[:, None] @ by_theta)[:, 0]
     slope[:, size] -= 0.5
     blur_m = END_PX * problem.model.width / 1920.0 / np.sqrt(length2)
     sd = np.sqrt(np.maximum(np.einsum("np,pq,nq->n", slope, covariance, slope), 0.0) + blur_m**2)
-    beyond = sides * ends[:, axis] - half_m - 0.5 * theta[size]
     agrees = np.minimum(1.0 - np.array([erf(z) for z in beyond / (sd * np.sqrt(2.0))]), 1.0)
     return float(np.log(STRAY_SHARE + (1.0 - STRAY_SHARE) * agrees).sum())
 
