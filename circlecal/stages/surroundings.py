@@ -114,20 +114,19 @@ def measure_surroundings(
     beyond = is_ground & (np.abs(off).max(axis=1) - INSIDE_SIGMAS * sigma > RUN_OFF_M)
     towards = (off * (fit.camera.position_m[:2] - (ground - off))).sum(axis=1)
     in_front = is_ground & (towards > 0.0) & (np.hypot(off[:, 0], off[:, 1]) > IN_FRONT_M)
-    alike = surface
-    if image_bgr is not None:
-        alike = surface & _are_coloured_alike(image_bgr, inside & surface, (len(x), len(y)))
-    elsewhere = alike & (beyond | ~is_ground)
+    elsewhere = surface & (beyond | ~is_ground)
+    if image_bgr is not None and elsewhere.any():
+        elsewhere &= _are_coloured_alike(image_bgr, inside & surface, (len(x), len(y)))
     if np.mean(elsewhere) > FEWEST_SEATS:
-        alike = alike & ~_are_rough(picture, places, inside & surface, elsewhere, SEAT_TIMES, SEAT_LEVELS)
-    above = alike & ~is_ground
+        elsewhere &= ~_are_rough(picture, places, inside & surface, elsewhere, SEAT_TIMES, SEAT_LEVELS)
+    above = elsewhere & ~is_ground
     if template.ground != "grass":
         above &= _joins(inside, surface.reshape(len(y), len(x)))
     is_rough = _find_rough(picture, places, surface, inside, inside | in_front)
     return Surroundings(
         rough_share=float(np.count_nonzero(inside & is_rough) / max(int(np.count_nonzero(inside)), 1)),
         above_share=float(np.mean(above)),
-        beyond_share=float(np.mean(alike & beyond)),
+        beyond_share=float(np.mean(elsewhere & beyond)),
         near_share=_near_share(in_front & ~surface, is_rough),
         seam_share=seam,
     )
