@@ -120,7 +120,7 @@ class RenderConfig(BaseModel):
     defocus_px: float = Field(
         default=0.5, ge=0, le=12, description="Standard deviation of the blur beyond the pixel's own."
     )
-    motion_px: float = Field(default=0.0, ge=0, le=60, description="Length of the motion blur.")
+    motion_px: float = Field(default=0.0, ge=0, le=500, description="Length of the motion blur.")
     motion_rad: float = Field(default=0.0, description="Direction of the motion blur in the picture.")
     sharpening: float = Field(default=0.0, ge=0, le=2, description="Strength of the camera's edge enhancement.")
     noise: float = Field(default=1.2, ge=0, le=40, description="Standard deviation of the noise, grey levels.")

@@ -39,7 +39,6 @@ ShotKind = Literal["main", "cut", "replay"]
 
 _SHUTTER = 0.5
 """Share of the frame's period during which light falls on the sensor: the usual 180 degrees."""
-_LONGEST_BLUR_PX = 60.0
 _LEAST_BLUR_PX = 0.3
 _KNOTS_A_SECOND = 50
 _OPERATOR_S = 0.12
@@ -268,7 +267,7 @@ class Clip:
         length = float(np.linalg.norm(speed)) * _SHUTTER * period * (0.5 if self.spec.interlaced else 1.0)
         update: dict[str, float] = {}
         if length >= _LEAST_BLUR_PX:
-            update = {"motion_px": min(length, _LONGEST_BLUR_PX), "motion_rad": float(np.arctan2(speed[1], speed[0]))}
+            update = {"motion_px": length, "motion_rad": float(np.arctan2(speed[1], speed[0]))}
         config = scene.config.model_copy(update={"motion_px": 0.0, **update})
         pan_px = -float(speed[0]) * period / 2 if self.spec.interlaced else 0.0
         return replace(scene, config=config, delivery=Delivery(interlace_px=float(np.clip(pan_px, -60.0, 60.0))))

@@ -13,6 +13,8 @@ from circlecal.field import load_field
 from circlecal.geometry.camera import camera_from_soccernet, rotation_matrix
 from circlecal.geometry.surface import Surface
 from circlecal.pictures.video import Sampling, Video
+from circlecal.synthetic import video
+from circlecal.synthetic.renderer import render
 from circlecal.synthetic.tripod import Tripod, sample_tripod
 from circlecal.synthetic.video import CLIP_KINDS, ClipSpec, plan_clip
 
@@ -154,6 +156,23 @@ def test_the_world_stands_still():
     blurred = [cv2.GaussianBlur(p, (0, 0), 1.5)[part].astype(float).ravel() for p in (warped, second, first)]
     assert np.corrcoef(blurred[0], blurred[1])[0, 1] > 0.85
     assert np.corrcoef(blurred[2], blurred[1])[0, 1] < 0.6
+
+
+def test_a_fast_pan_smears_by_its_way_while_the_shutter_is_open(monkeypatch):
+    clip = planned("sweep", 9, seconds=1.0, pitch_m=(105.0, 68.0))
+    scenes = []
+
+    def note_scene(scene, chance):
+        scenes.append(scene)
+        return render(scene, chance)
+
+    monkeypatch.setattr(video, "render", note_scene)
+    index = 15  # on the way from one penalty area to the other
+    clip.frame(index)
+    pans = [clip.shots[0].path.at((index + half) / clip.spec.rate)[0] for half in (-0.25, 0.25)]
+    way = abs(pans[1] - pans[0]) * scenes[0].camera.focal_px[0]
+    assert way > 66.0
+    assert scenes[0].config.motion_px == pytest.approx(way, rel=0.05)
 
 
 def test_players_move_and_the_score_does_not():
