@@ -61,6 +61,20 @@ def test_windows_tell_a_pan_of_which_corners_tell_nothing() -> None:
     assert np.abs((found.change - PAN) * (640.0, 1500.0, 1500.0)).max() < 6.0
 
 
+def test_most_windows_may_move_otherwise() -> None:
+    levels, model = surroundings(), tripod()
+    still, turned = (smear(levels, HEAD + k * PAN, PAN) for k in (0, 1))
+    # strips below the upper part move by 12 px less and by 12 px more
+    for first_row, off in ((0.44, 12.0), (0.72, -24.0)):
+        rows = slice(round(first_row * SIZE[1]), None)
+        turned[rows] = cv2.warpAffine(turned, np.array([[1.0, 0.0, off], [0.0, 1.0, 0.0]]), SIZE)[rows]
+    first, second = (coarsen(SmallPicture.of(picture)) for picture in (still, turned))
+    found = estimate_coarsely(first, second, PAN, HEAD, model.model, model.mean, np.random.default_rng(5))
+    assert found is not None
+    assert found.share < 0.5
+    assert np.abs((found.change - PAN) * (640.0, 1500.0, 1500.0)).max() < 6.0
+
+
 def test_pictures_of_other_things_tell_no_motion() -> None:
     levels, model = surroundings(), tripod()
     rng = np.random.default_rng(5)
