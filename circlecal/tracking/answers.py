@@ -30,6 +30,8 @@ DOUBTFUL_PLACES, DOUBTFUL_FRAMES = 40, 15
 """A picture that should show so many places of paint, and is not confirmed by them, is answered only where confirmed
 frames lie as near as this on both sides: in a blurred moment of a fast pan.
 """
+FAR = 10**6
+"""Frames to a confirmed one where there is none."""
 GRID_M = 5.0
 """Step of the grid over the pitch on which standard deviations are taken."""
 LARGEST_SIGMA_PX, MEAN_SIGMA_PX = 32.0, 8.0
@@ -76,22 +78,37 @@ def _chains(entries: list[Entry], tracked: list[int]) -> list[list[int]]:
 
 
 def _count_to_confirmation(entries: list[Entry]) -> list[int]:
-    """How far each frame is from those that their paint confirms, along the motion, on the further side of the two.
+    """How far each frame is from those that their paint confirms, along the motion.
 
-    A frame that only follows confirmed ones may already belong to another shot.
+    A frame that only follows confirmed ones may already belong to another shot, so the further side of the two counts;
+    on one of them a frame whose paint is in place is enough, which no other shot has: before a cut or the end of a clip
+    a pan may show nothing but a touchline.
     """
-    far = 10**6
-    before, after = [far] * len(entries), [far] * len(entries)
-    near = far
-    for k, entry in enumerate(entries):
-        near = near + 1 if entry.motion is not None else far
-        before[k] = near = 0 if entry.is_confirmed else near
-    near = far
-    for k in range(len(entries) - 1, -1, -1):
-        after[k] = near = 0 if entries[k].is_confirmed else near + 1
-        if entries[k].motion is None:
-            near = far
-    return [max(pair) for pair in zip(before, after, strict=True)]
+    is_confirmed = [entry.is_confirmed for entry in entries]
+    is_in_place = [entry.is_in_place or entry.is_confirmed for entry in entries]
+    sides = (is_confirmed, is_in_place), (is_in_place, is_confirmed)
+    ways = [(_count_from_before(entries, before), _count_from_after(entries, after)) for before, after in sides]
+    return np.min([np.max(way, axis=0) for way in ways], axis=0).tolist()
+
+
+def _count_from_before(entries: list[Entry], is_one: list[bool]) -> list[int]:
+    """Frames since the last one of some kind, along the motion."""
+    counts, near = [], FAR
+    for entry, is_here in zip(entries, is_one, strict=True):
+        near = 0 if is_here else near + 1 if entry.motion is not None else FAR
+        counts.append(near)
+    return counts
+
+
+def _count_from_after(entries: list[Entry], is_one: list[bool]) -> list[int]:
+    """Frames until the next one of some kind, along the motion."""
+    counts, near = [], FAR
+    for entry, is_here in zip(reversed(entries), reversed(is_one), strict=True):
+        near = 0 if is_here else near + 1
+        counts.append(near)
+        if entry.motion is None:
+            near = FAR
+    return counts[::-1]
 
 
 def _refusal(entry: Entry, code: str) -> TrackedFrame:

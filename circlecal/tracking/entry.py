@@ -41,6 +41,8 @@ class Entry:
     motion: HeadMotion | None = None
     """From the frame before."""
     is_confirmed: bool = False
+    is_in_place: bool = False
+    """Whether nearly all paint is where the camera puts it, though it may not tell the camera."""
     is_contradicted: bool = False
     missing: int = 0
     """Number of markings that must be seen broadly and are not seen where the camera puts them."""
@@ -58,7 +60,7 @@ class Entry:
         self.shot, self.place, self.motion = shot, None, None
         self.information, self.toward, self.by_common = np.zeros((3, 3)), np.zeros(3), None
         self.pull, self.spread = None, np.zeros(2)
-        self.is_confirmed, self.is_contradicted, self.missing = False, False, 0
+        self.is_confirmed, self.is_in_place, self.is_contradicted, self.missing = False, False, False, 0
 
     def take(self, look: Look, expected: Array, covariance: Array, is_followed: bool) -> None:
         """Keep what a look brought: of the paint alone, without what was expected."""
@@ -66,6 +68,7 @@ class Entry:
         self.head = fit.head
         self.expected, self.painted = int(measured.expected.sum()), int(measured.painted.sum())
         self.is_confirmed, self.missing = look.is_confirmed, measured.missing
+        self.is_in_place = look.is_in_place
         self.is_contradicted = self.expected >= EXPECTED_PLACES and measured.painted_share < BARE_SHARE
         self.rms_px = fit.rms_px
         if len(measured.marking) >= 8 and fit.inlier_share > 0.5 and not self.is_contradicted:

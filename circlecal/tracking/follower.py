@@ -185,7 +185,9 @@ class Follower:
         if is_lost:
             if is_followed:
                 picture = LookedAt.of(frame.picture, mask).take_surface(self._surface)
-            is_cut = last is not None and picture.differs_from(last)
+            # what neither corners nor windows nor paint carry on from the picture before is another shot
+            is_torn = look is None and before is not None and before.place is not None
+            is_cut = last is not None and (is_torn or picture.differs_from(last))
             self._lose(entry, before, is_cut)
             if self._is_time_to_search(entry.index):
                 with self._clock.measure("search"):

@@ -172,6 +172,15 @@ class Look:
         return float(self.measured.painted.sum() * self.measured.painted_share * self.fit.inlier_share)
 
     @property
+    def is_in_place(self) -> bool:
+        """Whether nearly all paint is where the head puts it, though it may not tell the head: a touchline alone leaves
+        the pan open.
+        """
+        seen = self.measured
+        is_seen = len(seen.marking) >= LEAST_PLACES and seen.painted_share > SURE_PAINTED and seen.missing == 0
+        return is_seen and self.fit.inlier_share > SURE_EXPLAINED
+
+    @property
     def is_found(self) -> bool:
         """Whether the paint alone tells the head, without one that is known beside it."""
         return self.is_confirmed and self.crossing >= LEAST_CROSSING

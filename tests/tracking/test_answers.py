@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from circlecal.config import load_config
 from circlecal.rig.tripod import COMMON, PLACE
@@ -62,3 +63,21 @@ def test_the_length_of_a_pitch_of_which_one_end_is_seen_refuses_no_frame() -> No
     # the camera stands where it stands before the left end, and where it stands before the right one
     assert codes(-0.5) == [None] * 3
     assert codes(0.5) == ["too_uncertain"] * 3
+
+
+@pytest.mark.parametrize("in_place", [True, False])
+def test_a_frame_after_the_last_confirmed_one_is_answered_where_its_paint_is_in_place(in_place: bool) -> None:
+    entries = _entries([0] * 4)
+    for entry in entries[1:]:
+        entry.is_confirmed = False
+    for entry in entries[2:]:
+        entry.is_in_place = in_place
+    codes = [frame.code for frame in answer_shot(entries, 4)]
+    assert codes == ([None] * 4 if in_place else [None] + ["paint_missing"] * 3)
+
+
+def test_a_frame_between_others_whose_paint_is_in_place_is_refused_where_none_is_confirmed() -> None:
+    entries = _entries([0] * 3)
+    for entry in entries:
+        entry.is_confirmed, entry.is_in_place = False, True
+    assert [frame.code for frame in answer_shot(entries, 3)] == ["paint_missing"] * 3

@@ -17,8 +17,9 @@ from circlecal.tracking.entry import ClipFrame
 from circlecal.tracking.first_look import suit_tracking
 from circlecal.tracking.follower import Follower, KnownHead
 from circlecal.tracking.frame_paint import HeadedFrame
+from circlecal.tracking.head_fit import HeadFit
 from circlecal.tracking.head_path import HeadPath
-from circlecal.tracking.looking import Place
+from circlecal.tracking.looking import LookedAt, Place
 from circlecal.tracking.results import TrackedFrame
 from circlecal.tracking.seen_paint import MeasuredFrame
 from tests.tracking.scenes import HEAD, SIZE, draw, template, tripod
@@ -60,6 +61,22 @@ def test_the_way_back_ends_at_a_cut(monkeypatch: pytest.MonkeyPatch, pictures: l
     assert [frame.status for frame in frames] == ["refused"] * FOREIGN + ["calibrated"] * PITCH
     assert {frame.code for frame in frames[:FOREIGN]} == {"lost"}
     assert frames[FOREIGN - 1].shot < frames[FOREIGN].shot
+
+
+def test_frames_whose_paint_is_in_place_are_answered_before_a_cut_that_looks_alike(
+    monkeypatch: pytest.MonkeyPatch, pictures: list[NDArray[np.uint8]]
+) -> None:
+    confirm = Place.is_confirmed
+
+    def confirm_first(place: Place, measured: MeasuredFrame, fit: HeadFit) -> bool:
+        return confirm(place, measured, fit) and abs(fit.head[1] - HEAD[1]) < 0.5 * STEP[1]
+
+    monkeypatch.setattr(Place, "is_confirmed", confirm_first)
+    monkeypatch.setattr(LookedAt, "differs_from", lambda *_: False)
+    crowd = np.random.default_rng(2).integers(0, 255, (SIZE[1], SIZE[0], 3)).astype(np.uint8)
+    frames = track(monkeypatch, [*pictures, crowd], 0)
+    assert [frame.status for frame in frames] == ["calibrated"] * PITCH + ["refused"]
+    assert [frame.shot for frame in frames] == [0] * PITCH + [1]
 
 
 def test_few_pictures_are_kept_for_the_way_back(
