@@ -48,7 +48,8 @@ def coarsen(small: SmallPicture) -> SmallPicture:
     gray = np.asarray(cv2.resize(small.gray, size, interpolation=cv2.INTER_AREA), np.float32)
     around = 2 * NEARBY_PX + 1, 2 * NEARBY_PX + 1
     gray -= cv2.blur(gray, around)
-    scatter = np.sqrt(cv2.blur(gray * gray, around)) + LEAST_SCATTER
+    # running sums of what is flat may end a little below zero
+    scatter = np.sqrt(np.maximum(cv2.blur(gray * gray, around), 0.0)) + LEAST_SCATTER
     levels = np.clip(MIDDLE_LEVEL + GAIN * gray / scatter, 0, 255).astype(np.uint8)
     return SmallPicture(levels, small.factor * width / WIDTH_PX)
 

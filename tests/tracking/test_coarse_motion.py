@@ -94,6 +94,15 @@ def test_a_strip_that_stands_still_is_no_shift_of_a_fast_pan() -> None:
     assert find_shift(*seen, np.array([-33.0, 2.0])) == pytest.approx([-40.0, 0.0])
 
 
+def test_what_is_flat_below_something_rich_has_the_middle_level() -> None:
+    rng = np.random.default_rng(8)
+    levels = np.full((360, 640), 128, np.uint8)
+    levels[:200] = rng.integers(0, 256, (200, 640))
+    with np.errstate(all="raise"):
+        picture = coarsen(SmallPicture.of(levels))
+    assert (np.abs(picture.gray[140:].astype(int) - 128) <= 1).all()
+
+
 def test_pictures_that_hardly_overlap_are_not_compared() -> None:
     picture = SmallPicture(np.zeros((180, 320), np.uint8), 4.0)
     assert find_shift(picture, picture, np.array([-230.0, 0.0])) is None
