@@ -136,9 +136,7 @@ def answers_in(
     problem, state = case
     begun = [world.enter(problem, state, usual, template) for world in worlds]
     ahead = [
-        (_weigh(world, changed, here, template, known), True)
-        if _has_priors(changed, problem)
-        else _predict_answer(world, changed, here, template, known)
+        _predict_answer(world, changed, here, template, known)
         for world, (changed, here) in zip(worlds, begun, strict=True)
     ]
     least = max(answer.evidence for answer, _ in ahead) - OUT_OF_THE_QUESTION
@@ -157,17 +155,24 @@ def answers_in(
 
 
 def bend_answer(
-    answer: Answer, usual: Priors, template: FieldTemplate, known: int, rule: StoppingRule
+    answer: Answer, usual: Priors, template: FieldTemplate, known: int, rule: StoppingRule, least: float
 ) -> Answer | None:
     """The answer on a crowned field whose profile is a parabola and no roof; None where it is out of the question.
 
-    Parameters are those of :func:`answers_in`.
+    Parameters
+    ----------
+    answer : Answer
+        On a roof.
+    usual, template, known, rule : Priors, FieldTemplate, int, StoppingRule
+        As for :func:`answers_in`.
+    least : float
+        Evidence that the linear model must foretell for the optimum to be looked for.
     """
     world = answer.world.curve()
     problem, state = bend_surface(answer.problem, answer.state)
     problem, state = with_priors(problem, state, world.priors(problem.priors, usual, template))
     ahead, is_sure = _predict_answer(world, problem, state, template, known)
-    if ahead.evidence < answer.evidence - OUT_OF_THE_QUESTION:
+    if ahead.evidence < max(least, answer.evidence - OUT_OF_THE_QUESTION):
         return None
     return ahead if is_sure else _weigh(world, problem, resume(problem, state, rule), template, known)
 
@@ -182,10 +187,6 @@ def _predict_answer(
 
 def _weigh(world: World, problem: Problem, state: State, template: FieldTemplate, known: int) -> Answer:
     return Answer(world, problem, state, log_evidence(world, problem, state, template, known))
-
-
-def _has_priors(one: Problem, other: Problem) -> bool:
-    return bool((one.priors.mean == other.priors.mean).all() and (one.priors.sd == other.priors.sd).all())
 
 
 def posterior_shares(answers: Sequence[Answer]) -> Array:

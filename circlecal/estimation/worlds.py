@@ -268,12 +268,9 @@ def _on_parabola(
     """
     least = max(answer.evidence for answer, _ in found) - OUT_OF_THE_QUESTION
     bent = [
-        (bend_answer(answer, usual, template, known, case[0].rule(FINE)), case)
+        (bend_answer(answer, usual, template, known, case[0].rule(FINE), least), case)
         for (answer, case), share in zip(found, _shares_of_their_size([a for a, _ in found]), strict=True)
-        if share > UNLIKELY_SHARE
-        and answer.evidence > least
-        and not answer.world.is_flat
-        and answer.problem.model.surface.shape == "roof"
+        if share > UNLIKELY_SHARE and not answer.world.is_flat and answer.problem.model.surface.shape == "roof"
     ]
     return [(answer, case) for answer, case in bent if answer is not None]
 

@@ -23,7 +23,7 @@ from circlecal.camera.field_evidence import (
 from circlecal.camera.observed import points_from_observations
 from circlecal.camera.problem import COARSE, FINAL, HARDLY_ZOOMED, evaluate, minimise, resume, reweight
 from circlecal.camera.residuals import sample_feet
-from circlecal.camera.spike_and_slab import UNSHARED_SIGMA_PX, answers_in, possible_worlds, share_noise
+from circlecal.camera.spike_and_slab import UNSHARED_SIGMA_PX, answers_in, bend_answer, possible_worlds, share_noise
 from circlecal.camera.world import FLAT_RELIEF_SHARE
 from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, level_points, project
 from circlecal.observations import LinePoints
@@ -34,7 +34,7 @@ BROADER_M = 4.0
 """By how much the far touchline lies beyond its usual place."""
 
 
-@pytest.mark.parametrize(("reach", "fits"), [(HARDLY_ZOOMED, 0), (0.0, 3)])
+@pytest.mark.parametrize(("reach", "fits"), [(HARDLY_ZOOMED, 0), (0.0, 4)])
 def test_a_world_that_the_linear_model_foretells_is_not_fitted(reach, fits, monkeypatch):
     """And weighs what it does at its optimum."""
     rng = np.random.default_rng(5)
@@ -54,11 +54,41 @@ def test_a_world_that_the_linear_model_foretells_is_not_fitted(reach, fits, monk
     worlds, known = possible_worlds(SOCCER, usual, {"usual": 0.8, "any": 0.2}, 0.3), len(problem.curves.keys)
     found = answers_in(worlds, (problem, state), usual, SOCCER, known, FINAL)
     assert len(followed) == fits
-    assert [answer.is_predicted for answer in found] == [False, *[fits == 0] * 3]
+    assert [answer.is_predicted for answer in found] == [fits == 0] * 4
     for answer in found:
         exact = resume(answer.problem, minimise(answer.problem, theta[None]), FINAL)
         expected = log_evidence(answer.world, answer.problem, exact, SOCCER, known)
         assert answer.evidence == pytest.approx(expected, abs=0.1)
+
+
+def test_an_answer_is_weighed_at_its_optimum_with_the_noise_that_all_answers_share():
+    """Where the halfway line had passed for noise, a usual field lost by 90 to one 12 m broader, 45 px off."""
+    rng = np.random.default_rng(5)
+    theta = plain_theta(rng)
+    usual = priors(crown=0.03, length=1.0, breadth=0.7)
+    problem = problem_of(observed(theta, rng, sigma=0.3), usual)
+    is_line = problem.curves.group == len(problem.curves.keys) - 1
+    noisy, _ = reweight(problem, minimise(problem, theta[None]), np.where(is_line, 40.0, 1.0) * problem.curves.sigma_px)
+    case = reweight(noisy, minimise(noisy, theta[None]), problem.curves.sigma_px)
+    worlds, known = possible_worlds(SOCCER, usual, {"usual": 1.0}, 0.0), len(problem.curves.keys)
+    (found,) = answers_in(worlds, case, usual, SOCCER, known, FINAL)
+    exact = minimise(problem, theta[None])
+    assert case[1].cost[0] > exact.cost[0] + 1.0
+    assert found.evidence == pytest.approx(log_evidence(worlds[0], problem, exact, SOCCER, known), abs=0.1)
+
+
+def test_a_parabola_is_looked_for_only_where_the_linear_model_foretells_enough():
+    rng = np.random.default_rng(5)
+    theta = plain_theta(rng)
+    usual = priors(crown=0.03, length=1.0, breadth=0.7)
+    problem = problem_of(observed(theta, rng, sigma=0.3), usual)
+    worlds, known = possible_worlds(SOCCER, usual, {"usual": 1.0}, 0.0, 0.3), len(problem.curves.keys)
+    (roof,) = answers_in(worlds, (problem, minimise(problem, theta[None])), usual, SOCCER, known, FINAL)
+    roof = replace(roof, problem=replace(problem, model=replace(MODEL, surface=replace(MODEL.surface, shape="roof"))))
+    assert bend_answer(roof, usual, SOCCER, known, FINAL, np.inf) is None
+    bent = bend_answer(roof, usual, SOCCER, known, FINAL, -np.inf)
+    assert bent is not None
+    assert bent.problem.model.surface.shape == "parabola"
 
 
 def test_a_flat_field_begins_where_the_crowned_one_of_its_size_ended(monkeypatch):

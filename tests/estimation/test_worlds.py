@@ -106,6 +106,26 @@ def test_a_size_may_lie_outside_of_the_rules_by_its_own_error(beyond_m, is_allow
     assert module._is_allowed([(answer, cast("Any", None))], template) is is_allowed
 
 
+def test_parabolas_are_asked_of_every_size_however_unlikely_its_roof(monkeypatch):
+    """On a roof a usual field lost by 37 to one 12 m broader, and on the parabola that it was it won by 14."""
+    fit = fit_without_lines()
+    surface = replace(fit.problem.model.surface, shape="roof")
+    problem = replace(fit.problem, model=replace(fit.problem.model, surface=surface))
+    crowned = {world.size: world for world in WORLDS if not world.is_flat}
+    case = SimpleNamespace(rule=lambda rule: rule), fit
+    answers = [
+        Answer(crowned[size], problem, fit.state, evidence) for size, evidence in (("any", 0.0), ("usual", -37.0))
+    ]
+    asked: list[tuple[str, float]] = []
+
+    def bend(answer, usual, template, known, rule, least):
+        asked.append((answer.world.size, least))
+
+    monkeypatch.setattr(module, "bend_answer", bend)
+    module._on_parabola([(answer, cast("Any", case)) for answer in answers], problem.priors, cast("Any", None), 0)
+    assert asked == [("any", -module.OUT_OF_THE_QUESTION), ("usual", -module.OUT_OF_THE_QUESTION)]
+
+
 @pytest.mark.parametrize("takes_names", [True, False])
 def test_noise_that_one_line_leaves_takes_no_names_away(takes_names, monkeypatch):
     fit = fit_without_lines()
