@@ -296,7 +296,7 @@ def bend_surface(problem: Problem, state: State) -> tuple[Problem, State]:
     y[:, :count] = curve_points(problem.curves, state.feet, state.theta)[0][..., 1]
     y[:, count:] = problem.points.twice[0][1]
     # so many times as far as the roof with the same crown has the parabola fallen there: t^2 / |t|
-    further = problem.model.surface.drop(y)
+    further = problem.model.surface.drop(0.0, y)
     surface = replace(problem.model.surface, shape="parabola")
     by_crown, crown = state.jacobian[..., index], state.theta[:, index, None]
     like = crown * (further**3).sum(axis=1, keepdims=True) / np.maximum((further**4).sum(axis=1, keepdims=True), 1e-12)

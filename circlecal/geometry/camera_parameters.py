@@ -2,7 +2,7 @@
 
 A field point (x, y) becomes a pixel u in five steps; the derivatives refer to them by number.
 
-1. ``X = (x, y, c d(y))``: on the surface, whose crown c drops by ``d(y)`` per metre.
+1. ``X = (x, y, c d(x, y))``: on the surface, whose crown c drops by ``d(x, y)`` per metre.
 2. ``p = R o``, ``o = X - C``: before the camera at C with the rotation ``R = Rz(roll)^T Rx(tilt)^T Rz(pan)^T``.
 3. ``n = (p1, p2) / p3``: on the plane at distance 1.
 4. ``L = 1 + k1 r^2 + k2 r^4``, ``r^2 = s^2 |n|^2``, ``s = 2 f / W``: the lens, in half-widths of the picture.
@@ -136,7 +136,7 @@ class Projection:
     offset, local : (B, 3, N) arrays
         o and p, from the camera to the points in world and in camera coordinates.
     drop, slope : (B, N) arrays
-        d, drop of the surface per metre of crown, and ``c d'``, its slope dz / dy.
+        d, drop of the surface per metre of crown, and ``c d_y``, its slope dz / dy.
     inverse_depth : (B, N) array
         ``1 / p3``, bounded away from infinity.
     normalised : (B, 2, N) array
@@ -147,6 +147,8 @@ class Projection:
         Diagonal of F, focal lengths in pixels.
     squared_focal : (B, 1) array
         s^2.
+    slope_along : (B, N) array, optional
+        ``c d_x``, the surface's slope dz / dx; None where it is the same all along the field.
     """
 
     theta: Array
@@ -163,6 +165,7 @@ class Projection:
     lens_slope: Array
     focal: Array
     squared_focal: Array
+    slope_along: Array | None
 
     @property
     def depth(self) -> Array:
@@ -191,14 +194,19 @@ class Projection:
         """Where (B, N) the derivative of the pixels by the field position has no negative determinant: circles run
         clockwise on the field and in the picture.
         """
-        above = self.offset[:, 2] - self.slope * self.offset[:, 1]
+        above = self.offset[:, 2] - self._fall(self.offset[:, 0], self.offset[:, 1])
         return np.asarray((above >= 0) == (self.inverse_depth >= 0), np.bool_)
+
+    def _fall(self, x: Array, y: Array) -> Array:
+        """How far the surface falls (B, N) over ways (x, y) on the field, each (B, N), as steeply as at the points."""
+        across = self.slope * y
+        return across if self.slope_along is None else across + self.slope_along * x
 
     def along(self, x: Array, y: Array) -> Array:
         """Derivative (B, 2, N) of the pixels in directions (x, y) on the field, each broadcast to (B, N)."""
         world = np.empty_like(self.offset)
         world[:, 0], world[:, 1] = x, y
-        np.multiply(self.slope, world[:, 1], out=world[:, 2])  # 1: dX = (dx, dy, c d' dy)
+        world[:, 2] = self._fall(world[:, 0], world[:, 1])  # 1: dX = (dx, dy, c d_x dx + c d_y dy)
         local = self.rotation @ world  # 2: dp = R dX
         # 3: dn = ((dp1, dp2) - n dp3) / p3
         change = (local[:, :2] - self.normalised * local[:, 2:]) * self.inverse_depth[:, None]
@@ -242,10 +250,12 @@ class Projection:
         rows[:, TILT] = local[:, 2] * (s * g[:, 0] + c * g[:, 1]) - g[:, 2] * (s * local[:, 0] + c * local[:, 1])
         # roll: e = (0, 0, 1)
         rows[:, ROLL] = g[:, 0] * local[:, 1] - g[:, 1] * local[:, 0]
-        # 1: dX = (dx, dy, c d' dy + d dc)
+        # 1: dX = (dx, dy, c d_x dx + c d_y dy + d dc)
         np.multiply(self.drop, world[:, 2], out=rows[:, CROWN])
         field = world[:, :2]
         field[:, 1] += self.slope * world[:, 2]
+        if self.slope_along is not None:
+            field[:, 0] += self.slope_along * world[:, 2]
         return rows, field
 
     def sigma(self, covariance: Array) -> tuple[Array, Array]:
@@ -314,7 +324,7 @@ def project(theta: Array, field_m: Array, model: ProjectionModel) -> Projection:
     """
     x, y = field_m[..., 0], field_m[..., 1]
     crown = theta[:, CROWN, None]
-    drop, slope = model.surface.drop(y), model.surface.slope(y)
+    drop, (along, slope) = model.surface.drop(x, y), model.surface.slope(x, y)
     offset = np.empty((len(theta), 3, x.shape[1]))
     offset[:, 0], offset[:, 1], offset[:, 2] = x, y, crown * drop  # 1
     offset -= theta[:, POSITION, None]
@@ -329,7 +339,7 @@ def project(theta: Array, field_m: Array, model: ProjectionModel) -> Projection:
     lens, lens_slope = lens_factor(r2, theta[:, KAPPA_1, None], theta[:, KAPPA_2, None])  # 4
     return Projection(
         theta, model, R, offset, local, drop, crown * slope, inverse_depth, normalised, r2, lens, lens_slope, focal,
-        squared_focal,
+        squared_focal, None if along is None else crown * along,
     )  # fmt: skip
 
 

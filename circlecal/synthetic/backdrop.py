@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.synthetic.ground import look_up
-from circlecal.synthetic.rays import CROWN_ENDS_M, Float32, PixelRays
+from circlecal.synthetic.rays import Float32, PixelRays, on_field
 from circlecal.synthetic.recall import recall
 from circlecal.synthetic.scene import RenderConfig, Scene
 
@@ -61,8 +61,8 @@ def draw_surroundings(picture: Float32, rays: PixelRays, scene: Scene, rng: np.r
     reach, along = _meet_walls(directions, scene, enclosure)
     position = scene.camera.position_m.astype(np.float32)
     with np.errstate(invalid="ignore"):
-        foot = np.clip(position[1] + reach * directions[1], -CROWN_ENDS_M, CROWN_ENDS_M)
-        height = -position[2] - reach * directions[2] + scene.surface.drop(foot).astype(np.float32)
+        ground = scene.surface.drop(*on_field(*(position[axis] + reach * directions[axis] for axis in range(2))))
+        height = -position[2] - reach * directions[2] + ground.astype(np.float32)
         raised = (height >= 0) & np.isfinite(reach)
     rows = np.flatnonzero(raised.any(axis=1))
     if len(rows) == 0:

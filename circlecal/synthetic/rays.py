@@ -7,15 +7,17 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from circlecal.geometry.camera import Camera
+from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import Surface
 
 Float32 = NDArray[np.float32]
 
 FAR_M = 400.0
-CROWN_ENDS_M = 45.0
+CROWN_ENDS_M = (60.0, 45.0)
+"""Beyond these |x| and |y|, metres, which the largest field reaches, the ground goes on level."""
 _COARSE_PX = 8
 _CROWN_ROUNDS = 4
 _LEAST_DESCENT = 1e-6
@@ -44,13 +46,19 @@ class PixelRays:
     footprint_m: Float32
 
 
+def on_field(x_m: ArrayLike, y_m: ArrayLike) -> tuple[Array, Array]:
+    """The nearest places at which the ground still falls."""
+    ends_x, ends_y = CROWN_ENDS_M
+    return np.clip(x_m, -ends_x, ends_x), np.clip(y_m, -ends_y, ends_y)
+
+
 def pixel_rays(camera: Camera, surface: Surface) -> PixelRays:
     """Rays of every pixel: exact on a grid of 8 pixels, interpolated between (well below 0.1 px)."""
     size = np.array([camera.height, camera.width])
     blocks = -(-size // _COARSE_PX) + 2
     rows, columns = ((np.arange(n) - 0.5) * _COARSE_PX - 0.5 for n in blocks)
     coarse = camera.rays(np.stack(np.meshgrid(columns, rows), axis=-1))
-    down, away = coarse[..., 2], coarse[..., 1]
+    along, away, down = np.moveaxis(coarse, -1, 0)
     height = -float(camera.position_m[2])
     # the inverse of the reach is what varies evenly over the picture
     inverse = down / height
@@ -58,9 +66,11 @@ def pixel_rays(camera: Camera, surface: Surface) -> PixelRays:
         descends = inverse > 1.0 / (4 * FAR_M)
         reach = np.where(descends, 1.0 / np.where(descends, inverse, 1.0), 4 * FAR_M)
         for _ in range(_CROWN_ROUNDS):
-            y = np.clip(camera.position_m[1] + reach * away, -CROWN_ENDS_M, CROWN_ENDS_M)
-            above = reach * down - height - surface.drop(y)
-            reach = reach - above / np.maximum(down - surface.slope(y) * away, 1e-3)
+            x, y = on_field(camera.position_m[0] + reach * along, camera.position_m[1] + reach * away)
+            by_x, by_y = surface.slope(x, y)
+            falling = by_y * away + (0.0 if by_x is None else by_x * along)
+            above = reach * down - height - surface.drop(x, y)
+            reach = reach - above / np.maximum(down - falling, 1e-3)
         inverse = np.where(descends & (reach > 0), 1.0 / np.maximum(reach, 1e-3), inverse)
     descent = np.maximum(down, 1e-3) / np.linalg.norm(coarse, axis=-1)
     spread = 1.0 / (np.mean(camera.focal_px) * np.sqrt(descent))

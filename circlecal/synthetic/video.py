@@ -22,7 +22,7 @@ from circlecal.field import FieldTemplate, load_field
 from circlecal.files import prepare_folder, write_atomic
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.projective import Array
-from circlecal.geometry.surface import Surface
+from circlecal.geometry.surface import Surface, SurfaceShape
 from circlecal.pictures.video_writer import write_video
 from circlecal.synthetic.cameras import aim_camera
 from circlecal.synthetic.dataset import LARGEST_SIZE, SMALLEST_SIZE, TRUTH_FOLDER
@@ -37,6 +37,10 @@ ClipKind = Literal["still", "attack", "sweep", "zooms", "cuts"]
 CLIP_KINDS: tuple[ClipKind, ...] = get_args(ClipKind)
 ShotKind = Literal["main", "cut", "replay"]
 
+SURFACE_SHARES: dict[SurfaceShape, float] = {"roof": 0.5, "parabola": 0.35, "flat": 0.15}
+"""Of pitches, how many have which shape, assumed. Hipped roofs are rendered where they are asked for, as cameras are
+fitted before them.
+"""
 _SHUTTER = 0.5
 """Share of the frame's period during which light falls on the sensor: the usual 180 degrees."""
 _LEAST_BLUR_PX = 0.3
@@ -74,6 +78,8 @@ class ClipSpec:
         Scene profile that light, ground and paint are drawn from.
     pitch_m : (float, float) or None
         Length and width; None for what the Laws allow, 90-120 by 45-90 m.
+    surface : SurfaceShape or None
+        Shape of the pitch; None for any.
     """
 
     kind: ClipKind = "attack"
@@ -84,6 +90,7 @@ class ClipSpec:
     interlaced: bool = False
     look: str = "broadcast"
     pitch_m: tuple[float, float] | None = None
+    surface: SurfaceShape | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -285,9 +292,11 @@ def plan_clip(spec: ClipSpec, rng: np.random.Generator) -> Clip:
     """A random clip: pitch, crown, look, tripod, lens, the path of the camera and the players."""
     length, width = spec.pitch_m or (float(rng.uniform(90.0, 120.0)), float(rng.uniform(45.0, 90.0)))
     template = load_field("soccer", {"length": length, "width": width})
-    shape: Literal["roof", "parabola", "flat"] = ("roof", "parabola", "flat")[rng.choice(3, p=(0.5, 0.35, 0.15))]
-    crown = {"roof": rng.uniform(0.02, 0.08), "parabola": rng.uniform(0.0, 0.025), "flat": 0.0}[shape]
-    surface = Surface(shape, template.circle_by_name[template.default_circle].radius_m, float(crown))
+    drawn = list(SURFACE_SHARES)[rng.choice(len(SURFACE_SHARES), p=list(SURFACE_SHARES.values()))]
+    roof_m, parabola_m = float(rng.uniform(0.02, 0.08)), float(rng.uniform(0.0, 0.025))
+    shape = spec.surface or drawn
+    crown_m = {"roof": roof_m, "hip": roof_m, "parabola": parabola_m, "flat": 0.0}[shape]
+    surface = Surface(shape, template.circle_by_name[template.default_circle].radius_m, crown_m)
     config = sample_config(spec.look, rng, spec.width).model_copy(
         update={"scorebug": True, "motion_px": 0.0, "precipitation": 0.0, "near_crowd": False}
     )

@@ -36,7 +36,7 @@ def test_rotations_are_those_of_the_pinhole_camera(pan, tilt, roll):
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_jacobian_equals_central_differences_for_every_parameter(shape):
-    model = ProjectionModel(1920, 1080, Surface(shape))
+    model = ProjectionModel(1920, 1080, Surface(shape, 4.0))
     for theta in random_thetas(4, np.random.default_rng(1)):
         found = project(theta[None], FIELD[None], model).jacobians()[0][0]
         numeric = central_differences(lambda t: project(t[None], FIELD[None], model).pixels[0], theta, STEPS)
@@ -55,7 +55,7 @@ def test_every_parameter_of_the_camera_moves_pixels():
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_derivative_by_the_field_position(shape):
-    model = ProjectionModel(1920, 1080, Surface(shape))
+    model = ProjectionModel(1920, 1080, Surface(shape, 4.0))
     theta = random_thetas(3, np.random.default_rng(3))
     field = np.broadcast_to(FIELD, (3, *FIELD.shape))
     found = project(theta, field, model).jacobians()[1]
@@ -66,7 +66,7 @@ def test_derivative_by_the_field_position(shape):
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_derivative_in_a_direction_and_its_orientation(shape):
-    model = ProjectionModel(1920, 1080, Surface(shape))
+    model = ProjectionModel(1920, 1080, Surface(shape, 4.0))
     theta = random_thetas(5, np.random.default_rng(5))
     field = np.broadcast_to(FIELD, (5, *FIELD.shape))
     seen = project(theta, field, model)
@@ -77,12 +77,12 @@ def test_derivative_in_a_direction_and_its_orientation(shape):
     np.testing.assert_array_equal(seen.upward, np.linalg.det(by_field) >= 0)
 
 
-@pytest.mark.parametrize("shape", ["parabola", "roof"])
+@pytest.mark.parametrize("shape", ["parabola", "roof", "hip"])
 def test_projection_equals_the_pinhole_camera_over_the_surface(shape):
     model = ProjectionModel(1280, 720, Surface(shape, 9.15))
     for theta in random_thetas(5, np.random.default_rng(6)):
         camera = camera_of(theta, model)
-        lifted = np.column_stack([FIELD, theta[INDEX["crown"]] * model.surface.drop(FIELD[:, 1])])
+        lifted = np.column_stack([FIELD, theta[INDEX["crown"]] * model.surface.drop(*FIELD.T)])
         seen = project(theta[None], FIELD[None], model)
         np.testing.assert_allclose(seen.pixels[0], camera.project(lifted), atol=1e-9)
         np.testing.assert_allclose(seen.depth[0], camera.depth(lifted), atol=1e-12)
@@ -96,11 +96,12 @@ def test_flat_shape_knows_no_crown():
     )
 
 
-@pytest.mark.parametrize("shape", ["parabola", "roof"])
+@pytest.mark.parametrize("shape", ["parabola", "roof", "hip"])
 def test_crown_is_the_drop_at_its_reference(shape):
     surface, y = Surface(shape, 4.5), np.array([-4.5, 0.0, 4.5])
-    np.testing.assert_allclose(surface.drop(y), [1.0, 0.0, 1.0])
-    assert surface.slope(y)[2] == -surface.slope(y)[0] > 0
+    np.testing.assert_allclose(surface.drop(0.0, y), [1.0, 0.0, 1.0])
+    _, across = surface.slope(0.0, y)
+    assert across[2] == -across[0] > 0
 
 
 def test_camera_and_parameters_are_inverse():

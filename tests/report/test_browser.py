@@ -266,7 +266,8 @@ def test_the_page_computes_metres_and_sigma_as_python_does(page, report, wide_le
     own = read_run(report.parents[1]).record(row).view
     plane = FieldView(PlaneCamera(own.camera.width, own.camera.height, own.camera.homography))
     script = "return arguments[1].map(([x, y]) => circlecalCamera.toField(arguments[0], x, y) || [null, null])"
-    for view in (own, wide_lens, plane):
+    hipped = FieldView(wide_lens.camera, Surface("hip", 9.15, 0.09))
+    for view in (own, wide_lens, hipped, plane):
         x, y = np.meshgrid(np.linspace(0, view.camera.width - 1, 9), np.linspace(0, view.camera.height - 1, 7))
         pixels = np.stack([x, y], axis=-1).reshape(-1, 2)
         told = np.array(page.run(script, describe_view(view), pixels.tolist()), dtype=np.float64)

@@ -62,9 +62,13 @@ def line_offsets(picture, record, clip_record, rows=slice(None)):
     return np.array(found)
 
 
-@pytest.mark.parametrize(("kind", "seed", "index"), [("still", 1, 20), ("attack", 2, 190), ("cuts", 3, 230)])
-def test_truth_lies_on_the_paint(kind, seed, index):
-    clip = planned(kind, seed)
+@pytest.mark.parametrize(
+    ("kind", "seed", "index", "surface"),
+    [("still", 1, 20, None), ("attack", 2, 190, None), ("attack", 2, 190, "hip"), ("cuts", 3, 230, None)],
+)
+def test_truth_lies_on_the_paint(kind, seed, index, surface):
+    clip = planned(kind, seed, surface=surface)
+    assert surface in (None, clip.surface.shape)
     picture, truth = clip.frame(index)
     assert truth.shot in ("main", "replay")
     record = json.loads(json.dumps(truth.to_json()))

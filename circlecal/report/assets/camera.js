@@ -18,14 +18,19 @@ globalThis.circlecalCamera = (() => {
     return [(dx * factor) / fx, (dy * factor) / fy];
   };
 
-  const drop = (camera, y) => {
-    const t = y / camera.reference;
-    return camera.shape === "parabola" ? camera.crown * t * t : camera.shape === "roof" ? camera.crown * Math.abs(t) : 0;
+  const RIDGE = 2;  // half the ridge of a hipped roof, in reference lengths
+  const beyondRidge = (camera, x) => Math.abs(x) / camera.reference - RIDGE;
+  const drop = (camera, x, y) => {
+    const t = Math.abs(y) / camera.reference;
+    if (camera.shape === "parabola") return camera.crown * t * t;
+    if (camera.shape === "hip") return camera.crown * Math.max(t, beyondRidge(camera, x));
+    return camera.shape === "roof" ? camera.crown * t : 0;
   };
-  const slope = (camera, y) => {
-    const t = y / camera.reference;
-    return camera.shape === "parabola" ? (2 * camera.crown * t) / camera.reference
-      : camera.shape === "roof" ? (camera.crown * Math.sign(t)) / camera.reference : 0;
+  const slope = (camera, x, y) => {
+    const t = y / camera.reference, steepness = camera.crown / camera.reference;
+    if (camera.shape === "parabola") return [0, 2 * steepness * t];
+    if (camera.shape === "hip" && beyondRidge(camera, x) > Math.abs(t)) return [steepness * Math.sign(x), 0];
+    return [0, camera.shape === "roof" || camera.shape === "hip" ? steepness * Math.sign(t) : 0];
   };
 
   // The field point (metres) that is seen at a pixel; null above the horizon.
@@ -43,11 +48,11 @@ globalThis.circlecalCamera = (() => {
     const reach = -pz / ray[2], flat = [px + reach * ray[0], py + reach * ray[1]], toward = [px - flat[0], py - flat[1]];
     let share = 0;
     for (let round = 0; round < ROUNDS; round++) {
-      const v = flat[1] + share * toward[1];
-      share -= (share * pz - drop(camera, v)) / (pz - slope(camera, v) * toward[1]);
+      const u = flat[0] + share * toward[0], v = flat[1] + share * toward[1], [byX, byY] = slope(camera, u, v);
+      share -= (share * pz - drop(camera, u, v)) / (pz - byX * toward[0] - byY * toward[1]);
     }
     const point = [flat[0] + share * toward[0], flat[1] + share * toward[1]];
-    return share < 1 && Math.abs(share * pz - drop(camera, point[1])) < TOLERANCE_M ? point : null;
+    return share < 1 && Math.abs(share * pz - drop(camera, point[0], point[1])) < TOLERANCE_M ? point : null;
   };
 
   // A field point as people read it; what rounds to nothing has no sign.
