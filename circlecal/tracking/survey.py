@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import logging
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -36,9 +37,12 @@ from circlecal.tracking.pitch import (
     choose_pitch,
     search_length,
     search_width,
+    may_be_hip,
 )
 from circlecal.tracking.tripod_fit import TripodFit, count_alike, fit_tripod, free_parameters, start_tripod
 from circlecal.tracking.tripod_problem import inverse_of_normal
+
+_log = logging.getLogger(__name__)
 
 MOST_PICTURES, LEAST_STEP_S = 48, 0.2
 """Pictures that are looked at, and the least time between them: with 0.5 s a clip of 4 s gave too few to tell the
@@ -119,10 +123,31 @@ def survey_clip(
         if not any(set(start.used) <= set(tripod.used) for tripod, _ in grown.values()):
             grown[start.name] = _extend_and_measure(start, members, pictures, config, template, drawn, period_s)
     distinct = _keep_distinct([tripod for tripod, _ in grown.values()])
+    _note_hips(grown, config, template, drawn)
     learnt = [
         learn_closely(t, grown[t.name][1], pictures, pictures_at, config, drawn, usual, period_s) for t in distinct
     ]
     return Venue(template.name, tuple(_keep_distinct(learnt)), paint)
+
+
+def _note_hips(
+    grown: Mapping[str, tuple[TripodEstimate, list[HeadedFrame]]],
+    config: Config,
+    template: FieldTemplate,
+    drawn: DrawnTemplate,
+) -> None:
+    """Say so where a pitch seems to be a hipped roof: those who read a roof's records do not know that shape, so it is
+    only taken where it is asked for.
+    """
+    if config.camera.crown_shape != "auto":
+        return
+    for tripod, members in grown.values():
+        measured = [frame.measured for frame in members]
+        mean, sd = priors_of_frames(config, template, tripod.size[0] / 1920.0, measured)
+        if members and may_be_hip(members, tripod, mean, sd, drawn):
+            _log.warning(
+                "%s: its pitch falls to the goal lines too: camera.crown_shape=hip fits it better", tripod.name
+            )
 
 
 def _keep_distinct(tripods: Sequence[TripodEstimate]) -> list[TripodEstimate]:
@@ -226,7 +251,8 @@ def _extend(
             if look is not None and (look.is_confirmed or seen is not None):
                 frames.append(HeadedFrame(name, look.fit.head, look.measured))
         mean, sd = priors_of_frames(config, template, unit, [frame.measured for frame in frames])
-        fit = _fit_members(frames, tripod, mean, sd, drawn, known)
+        is_hipped = config.camera.crown_shape == "hip"
+        fit = _fit_members(frames, tripod, mean, sd, drawn, known, is_hipped=is_hipped)
         if fit is None:
             return tripod, members
         is_settled = set(fit.estimate.used) == set(tripod.used)
@@ -298,6 +324,8 @@ def _fit_members(
     sd: Array,
     drawn: DrawnTemplate,
     known: TripodEstimate | None = None,
+    *,
+    is_hipped: bool = False,
 ) -> TripodFit | None:
     """The tripod of found frames, without those that do not fit the others; with the better shape of the surface, where
     it is not known from elsewhere.
@@ -306,7 +334,7 @@ def _fit_members(
     limit = WORST_RMS_PX * tripod.size[0] / 1920.0
     while len(kept) >= LEAST_FRAMES:
         if known is None:
-            fit = choose_pitch(kept, tripod, mean, sd, drawn, limit)
+            fit = choose_pitch(kept, tripod, mean, sd, drawn, limit, is_hipped=is_hipped)
         else:
             fit = _learn_beside(known, kept, tripod, drawn)
         worst = int(np.argmax(fit.clear_rms_px))

@@ -53,11 +53,18 @@ def draw(head: np.ndarray, rng: np.random.Generator) -> NDArray[np.uint8]:
 
 
 def measure_ideal(
-    head: np.ndarray, growth_m: np.ndarray, noise_px: float, rng: np.random.Generator, lever_m: float = 0.8
+    head: np.ndarray,
+    growth_m: np.ndarray,
+    noise_px: float,
+    rng: np.random.Generator,
+    lever_m: float = 0.8,
+    surface: Surface | None = None,
 ) -> MeasuredFrame:
     """What the paint of a frame shows of a pitch that is longer and broader than the template's, with noise across."""
     drawn, camera = template_curves(template()), tripod()
     common = camera.mean.copy()
+    if surface is not None:
+        camera, common[PLACE["crown"]] = replace(camera, surface=surface), surface.crown_m
     common[[PLACE["length"], PLACE["breadth"]]] = growth_m
     common[PLACE["lever"]] = lever_m
     theta = camera.model.thetas(head[None], common)[0]
@@ -68,6 +75,15 @@ def measure_ideal(
         places.marking, places.field_m, places.pixels + off[:, None] * places.normals, places.normals,
         places.width_px, places.scale_px_m, np.zeros(len(off)), count, count,
     )  # fmt: skip
+
+
+def views_of_a_surface(surface: Surface) -> list[HeadedFrame]:
+    """Circle and both penalty areas of a usual pitch with that surface, with the noise of a good picture."""
+    rng = np.random.default_rng(6)
+    pans = (0.02, -0.01, -0.16, -0.42, -0.44, 0.16, 0.42, 0.44)
+    heads = [np.array([np.log(2600.0 + 60.0 * k), pan, 1.38]) for k, pan in enumerate(pans)]
+    views = [measure_ideal(head, np.zeros(2), 0.1, rng, surface=surface) for head in heads]
+    return [HeadedFrame(str(k), head, seen) for k, (head, seen) in enumerate(zip(heads, views, strict=True))]
 
 
 def views_of_a_pitch(length_m: float, width_m: float) -> list[HeadedFrame]:

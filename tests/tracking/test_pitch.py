@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from circlecal.config import load_config
+from circlecal.geometry.surface import Surface, SurfaceShape
 from circlecal.rig.tripod import PLACE, TripodEstimate
 from circlecal.tracking import closer_look, pitch
 from circlecal.tracking.frame_paint import PART_M, HeadedFrame
@@ -24,6 +25,7 @@ from tests.tracking.scenes import (
     template,
     tripod,
     views_of_a_pitch,
+    views_of_a_surface,
     views_of_badly_painted_markings,
 )
 
@@ -42,6 +44,24 @@ def test_a_pitch_may_have_any_size(size_m: tuple[float, float]) -> None:
     assert (off < 3.0 * sigmas + 0.01).all()
     assert off.max() < 0.3
     assert abs(fit.estimate.mean[PLACE["lever"]] - tripod().mean[PLACE["lever"]]) < 0.3
+
+
+@pytest.mark.parametrize("shape", ["roof", "parabola", "hip"])
+def test_the_shape_of_the_surface_is_told_where_penalty_areas_are_seen_beside_the_circle(shape: SurfaceShape) -> None:
+    """Taken for a roof, a hipped pitch makes the tripod lean and its principal point lie elsewhere."""
+    crown_m = 0.02 if shape == "parabola" else 0.08
+    frames = views_of_a_surface(Surface(shape, 9.15, crown_m))
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    drawn = template_curves(template())
+    found = pitch.choose_pitch(frames, tripod(), mean, sd, drawn, LIMIT_PX).estimate
+    assert pitch.may_be_hip(frames, found, mean, sd, drawn) is (shape == "hip")
+    if shape == "hip":
+        assert found.surface.shape != shape
+        found = pitch.choose_pitch(frames, tripod(), mean, sd, drawn, LIMIT_PX, is_hipped=True).estimate
+    assert found.surface.shape == shape
+    assert abs(found.surface.crown_m - crown_m) < 0.006
+    lean = [PLACE["lean_x"], PLACE["lean_y"]]
+    np.testing.assert_allclose(found.mean[lean], tripod().mean[lean], atol=0.002)
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -250,7 +270,7 @@ def test_a_size_is_held_where_another_one_explains_little_more_beside_what_the_m
     spread = 8.0 if is_rough else 1.0
 
     def fit_of(cost):
-        estimate = SimpleNamespace(covariance=1e-4 * np.eye(len(PLACE)))
+        estimate = replace(tripod(), covariance=1e-4 * np.eye(len(PLACE)))
         return SimpleNamespace(estimate=estimate, cost=cost, spread=spread, clear_rms_px=np.zeros(2))
 
     free, fixed = fit_of(100.0), fit_of(100.0 + spread * costs)

@@ -13,6 +13,7 @@ import pytest
 from circlecal.config import load_config
 from circlecal.field.view import FieldView
 from circlecal.formats.annotation import AnnotatedMarking, Annotation
+from circlecal.geometry.surface import Surface, SurfaceShape
 from circlecal.observations import Observations
 from circlecal.pictures.video import Sampling, Video
 from circlecal.pipeline import run_observations
@@ -22,7 +23,7 @@ from circlecal.tracking.frame_paint import PART_M
 from circlecal.tracking.markings import template_curves
 from circlecal.tracking.stretches import ClipRun, survey_video
 from circlecal.tracking.survey import survey_clip
-from tests.tracking.scenes import HEAD, SIZE, draw, template, tripod
+from tests.tracking.scenes import HEAD, SIZE, draw, template, tripod, views_of_a_surface
 
 
 def _marking(view: FieldView, name: str) -> AnnotatedMarking:
@@ -56,6 +57,19 @@ def test_what_all_frames_are_off_alike_does_not_make_a_known_camera_surer(monkey
     monkeypatch.setattr(survey, "fit_tripod", fit)
     survey._learn_beside(tripod(), [], tripod(), template_curves(template()))
     assert calls == [{}, {"alike": 10.0, "parts_m": PART_M}]
+
+
+@pytest.mark.parametrize(
+    ("asked", "shape", "is_noted"), [("auto", "hip", True), ("auto", "roof", False), ("roof", "hip", False)]
+)
+def test_a_pitch_that_may_be_hip_is_noted(
+    asked: str, shape: SurfaceShape, is_noted: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    """It is not taken for one: whoever reads the records must know the shape."""
+    frames = views_of_a_surface(Surface(shape, 9.15, 0.08))
+    config = load_config(overrides=[f"camera.crown_shape={asked}"])
+    survey._note_hips({"camera-1": (tripod(), frames)}, config, template(), template_curves(template()))
+    assert ("camera.crown_shape=hip fits it better" in caplog.text) is is_noted
 
 
 def test_tripods_in_one_place_are_one() -> None:
