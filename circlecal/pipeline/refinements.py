@@ -16,7 +16,7 @@ from circlecal.pipeline.old_coats import leave_out_old_coat, may_have_old_coat
 from circlecal.pipeline.setting import Scene, Setting, lighten_markings
 from circlecal.pipeline.template_markings import measure_straight_markings
 from circlecal.refusals import REFUSALS
-from circlecal.results import Attempt, CameraFit, Interpretation, LineCue, MarkingMask, RoughCamera
+from circlecal.results import Attempt, CameraFit, Interpretation, LineCue, MarkingMask
 from circlecal.stages.faint_lines import find_faint_lines
 
 PARTIAL_DEG = 240.0
@@ -118,8 +118,7 @@ def remeasure_along_camera(setting: Setting, scene: Scene, attempt: Attempt) -> 
     again = replace_curves(observations, found)
     if _is_wide(setting, camera):
         again = _measure_halfway(setting, picture, camera, again, mask.field_region, edges.noise)
-    # a draft has found where the camera stands; which line is which is decided with the circle as it is measured now
-    start = camera if is_turned_by_lines else RoughCamera(camera.theta) if _is_draft(attempt) else None
+    start = camera if is_turned_by_lines else None
     yield estimate(setting, replace(attempt, observations=again, verdict=None), start)
 
 

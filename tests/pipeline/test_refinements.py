@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from circlecal.observations import CirclePoints, LinePoints, Observations
+from circlecal.observations import LinePoints, Observations
 from circlecal.pipeline import curves, refinements
 from circlecal.pipeline.refinements import MOST_ROUNDS, remeasure_wide_paint
 from circlecal.results import Attempt, Cues, LineCue, Segment
@@ -36,32 +36,6 @@ def test_wide_paint_is_measured_again_until_cameras_settle_or_leave_it(monkeypat
     last = list(remeasure_wide_paint(setting, None, SimpleNamespace(camera=SimpleNamespace(view=None))))
     assert len(made) == rounds
     assert last == made[-1:]
-
-
-@pytest.mark.parametrize(("arc_deg", "is_begun_there"), [(100.0, True), (300.0, False)])
-def test_after_a_draft_the_camera_is_looked_for_where_that_stands_and_lines_are_named_anew(
-    monkeypatch, arc_deg, is_begun_there
-):
-    whole = SimpleNamespace(arc_deg=arc_deg)
-    ellipses = SimpleNamespace(all=lambda: (whole,), primary=whole)
-    cues, seen = SimpleNamespace(halfway=object(), lines=()), Observations(1280, 720, (), ())
-    camera = SimpleNamespace(theta=np.arange(3.0), names_by_line={1: "side_line_top"})
-    attempt = Attempt(ellipses=ellipses, cues=cues, observations=seen)
-    fitted = (None, SimpleNamespace(noise=1.0), cues, seen, camera, None)
-    monkeypatch.setattr(Attempt, "fitted", property(lambda self: fitted))
-    monkeypatch.setattr(refinements, "lighten_markings", lambda *_: None)
-    monkeypatch.setattr(refinements, "_is_wide", lambda setting, camera: False)
-    circle = CirclePoints("centre_circle", "center", np.zeros((9, 2)), np.ones(9))
-    monkeypatch.setattr(refinements, "measure_curves", lambda *_: {"centre_circle": circle})
-    starts = []
-    monkeypatch.setattr(refinements, "estimate", lambda setting, attempt, earlier: starts.append(earlier) or attempt)
-    setting = SimpleNamespace(circle=SimpleNamespace(name="centre_circle"), template=None)
-    (again,) = refinements.remeasure_along_camera(setting, SimpleNamespace(marked=None, covered=None), attempt)
-    assert again.observations.circles == (circle,)
-    assert [start is not None for start in starts] == [is_begun_there]
-    if is_begun_there:
-        assert starts[0].theta is camera.theta
-        assert starts[0].names_by_line == {}
 
 
 def test_lines_far_broader_than_their_paint_are_left_out(monkeypatch):
