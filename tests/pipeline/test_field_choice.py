@@ -119,12 +119,9 @@ def test_a_hall_is_told_and_the_record_says_what_was_tried():
     assert (found.status, found.field_name) == ("calibrated", "futsal")
     record = ResultRecord.model_validate_json(result_line(result_record(found, found.template)))
     assert record.field.template == "futsal"
-    # soccer's circle would explain the picture's, but not what is painted around it
-    assert [(field.template, field.status) for field in record.fields] == [
-        ("futsal", "calibrated"),
-        ("soccer", "refused"),
-    ]
-    assert record.fields[0].evidence > 0.3
+    # a soccer field of another size explains the circle, and less of what is painted around it
+    assert [field.template for field in record.fields] == ["futsal", "soccer"]
+    assert record.fields[0].evidence > max(0.3, record.fields[1].evidence or 0.0)
 
 
 def test_a_template_brings_its_options_under_those_that_were_set():
