@@ -137,9 +137,7 @@ def choose_pitch(
     return fit_tripod(frames, hipped, mean, sd, drawn, alike=alike)
 
 
-def may_be_hip(
-    frames: list[HeadedFrame], tripod: TripodEstimate, mean: Array, sd: Array, drawn: DrawnTemplate
-) -> bool:
+def may_be_hip(frames: list[HeadedFrame], tripod: TripodEstimate, mean: Array, sd: Array, drawn: DrawnTemplate) -> bool:
     """Whether a hipped roof explains the paint clearly better than the surface that a tripod was found before.
 
     Parameters are those of :func:`choose_pitch`. Of eight real pitches two seem so, and one of these costs 3.5 times as

@@ -35,9 +35,9 @@ from circlecal.tracking.pitch import (
     SHAPES,
     WORST_RMS_PX,
     choose_pitch,
+    may_be_hip,
     search_length,
     search_width,
-    may_be_hip,
 )
 from circlecal.tracking.tripod_fit import TripodFit, count_alike, fit_tripod, free_parameters, start_tripod
 from circlecal.tracking.tripod_problem import inverse_of_normal
