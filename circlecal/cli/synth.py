@@ -63,6 +63,15 @@ class Clips(StrEnum):
     ALL = "all"
 
 
+class Shape(StrEnum):
+    """Shape of the pitch of a clip."""
+
+    ROOF = "roof"
+    HIP = "hip"
+    PARABOLA = "parabola"
+    FLAT = "flat"
+
+
 def synth(
     out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder for the frames or clips, masks and truth.")],
     count: Annotated[
@@ -92,13 +101,23 @@ def synth(
     seconds: Annotated[float, typer.Option("--seconds", help="Length of a clip.")] = 12.0,
     rate: Annotated[float, typer.Option("--rate", help="Frames per second of a clip.")] = 25.0,
     interlaced: Annotated[bool, typer.Option("--interlaced", help="Two fields in every frame of a clip.")] = False,
+    surface: Annotated[
+        Shape | None,
+        typer.Option(
+            "--surface",
+            metavar="SHAPE",
+            help="How the pitch of a clip falls to its borders: roof, hip, parabola, flat. (default: any but hip)",
+        ),
+    ] = None,
 ) -> None:
     """Render frames or clips of a synthetic match with exact truth, for tests and training."""
     from circlecal.cli import console
     from circlecal.synthetic.dataset import write_dataset
 
     if video is not None:
-        _write_clips(out, count or 1, seed, video, size or "1280x720", seconds, rate, profile, interlaced=interlaced)
+        _write_clips(
+            out, count or 1, seed, video, size or "1280x720", seconds, rate, profile, surface, interlaced=interlaced
+        )
         return
     count, size = 12 if count is None else count, size or "1920x1080"
     chosen = [p.value for p in profile or list(Profile)]
@@ -116,6 +135,7 @@ def _write_clips(
     seconds: float,
     rate: float,
     profile: list[Profile] | None,
+    surface: Shape | None,
     *,
     interlaced: bool,
 ) -> None:
@@ -126,6 +146,8 @@ def _write_clips(
     spec = ClipSpec(width=width, height=height, seconds=seconds, rate=rate, interlaced=interlaced)
     if profile:
         spec = replace(spec, look=profile[0].value)
+    if surface is not None:
+        spec = replace(spec, surface=surface.value)
     require_clips(count, seed, spec)
     kinds = [name for name in CLIP_KINDS if kind in (name, Clips.ALL)]
     with _progress(count * round(seconds * rate)) as report:

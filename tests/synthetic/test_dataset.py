@@ -80,6 +80,14 @@ def test_clips_of_no_length(tmp_path, run_circlecal, wrong):
     assert "is out of range; up to 600 s at 1 to 120 can be rendered" in outcome.err
 
 
+def test_a_clip_of_a_hipped_pitch(tmp_path, run_circlecal):
+    size = ("--size", "320x180", "--seconds", 0.2, "--rate", 5)
+    assert run_circlecal("synth", tmp_path, "--video", "still", *size, "--surface", "hip").code == 0
+    (truth,) = (tmp_path / "truth").glob("*.json")
+    pitch = json.loads(truth.read_text())["pitch"]
+    assert (pitch["crown_shape"], pitch["crown_m"] > 0.0) == ("hip", True)
+
+
 @pytest.mark.parametrize("arguments", [["synth", "FILE"], ["synth", "FILE", "--video", "still"]])
 def test_a_file_in_place_of_the_folder(tmp_path, run_circlecal, arguments):
     path = tmp_path / "file"
