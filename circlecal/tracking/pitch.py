@@ -140,8 +140,8 @@ def choose_pitch(
 def may_be_hip(frames: list[HeadedFrame], tripod: TripodEstimate, mean: Array, sd: Array, drawn: DrawnTemplate) -> bool:
     """Whether a hipped roof explains the paint clearly better than the surface that a tripod was found before.
 
-    Parameters are those of :func:`choose_pitch`. Of eight real pitches two seem so, and one of these costs 3.5 times as
-    much before a roof, which has a fifth of the crown that its circle shows, a tripod that leans by 0.7 degrees, a
+    Parameters are those of :func:`choose_pitch`. Of eleven real pitches four seem so, and one of these costs 3.5 times
+    as much before a roof, which has a fifth of the crown that its circle shows, a tripod that leans by 0.7 degrees, a
     principal point 40 px off, and the circle 1.6 px off its paint. Four are roofs up to their goal lines.
     """
     mean, sd = hold_size(tripod, mean, sd)
