@@ -63,7 +63,7 @@ class CameraConfig(BaseModel):
         0.05, ge=-0.5, le=1, description="Prior mean of the drop of the pitch at |y| = 9.15 m, metres."
     )
     crown_sd_m: float = Field(0.03, ge=0, description="Prior standard deviation of it; 0 fixes it.")
-    crown_shape: Literal["auto", "parabola", "roof", "hip", "flat"] = Field(
+    crown_shape: Literal["auto", SurfaceShape] = Field(
         "auto",
         description="Profile of the pitch across its length; auto: a roof, unless the frame clearly shows a parabola. "
         "hip: a roof whose ends fall as its sides do; `circlecal track` says so where it fits a clip better.",

@@ -172,7 +172,7 @@ def bend_answer(
     problem, state = bend_surface(answer.problem, answer.state)
     problem, state = with_priors(problem, state, world.priors(problem.priors, usual, template))
     ahead, is_sure = _predict_answer(world, problem, state, template, known)
-    if ahead.evidence < max(least, answer.evidence - OUT_OF_THE_QUESTION):
+    if ahead.evidence < least:
         return None
     return ahead if is_sure else _weigh(world, problem, resume(problem, state, rule), template, known)
 

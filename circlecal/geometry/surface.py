@@ -67,6 +67,14 @@ class Surface:
         is_end = self._beyond_ridge(x_m) > np.abs(t)
         return steepness * np.where(is_end, np.sign(x_m), 0.0), steepness * np.where(is_end, 0.0, np.sign(t))
 
+    def fall(self, x_m: ArrayLike, y_m: ArrayLike, along_m: Array | float, across_m: Array | float) -> Array:
+        """How far the surface falls (...), metres, over ways along and across the field (...), as steeply as at the
+        places x and y (...).
+        """
+        by_x, by_y = self.slope(x_m, y_m)
+        across = by_y * across_m
+        return np.asarray(across if by_x is None else across + by_x * along_m)
+
     def _beyond_ridge(self, x_m: ArrayLike) -> Array:
         """How far beyond the ridge's end places at x (...) lie, in reference lengths."""
         return np.abs(np.asarray(x_m, dtype=np.float64)) / self.reference_m - _RIDGE
@@ -100,8 +108,7 @@ class Surface:
             share = np.zeros_like(reach)
             for _ in range(_ROUNDS):
                 x, y = np.moveaxis(flat + share[..., None] * toward, -1, 0)
-                by_x, by_y = self.slope(x, y)
-                falling = by_y * toward[..., 1] + (0.0 if by_x is None else by_x * toward[..., 0])
+                falling = self.fall(x, y, toward[..., 0], toward[..., 1])
                 step = (share * height - self.drop(x, y)) / (height - falling)
                 share = share - step
                 if not (np.abs(step) > _STEP).any():

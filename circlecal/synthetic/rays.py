@@ -67,10 +67,8 @@ def pixel_rays(camera: Camera, surface: Surface) -> PixelRays:
         reach = np.where(descends, 1.0 / np.where(descends, inverse, 1.0), 4 * FAR_M)
         for _ in range(_CROWN_ROUNDS):
             x, y = on_field(camera.position_m[0] + reach * along, camera.position_m[1] + reach * away)
-            by_x, by_y = surface.slope(x, y)
-            falling = by_y * away + (0.0 if by_x is None else by_x * along)
             above = reach * down - height - surface.drop(x, y)
-            reach = reach - above / np.maximum(down - falling, 1e-3)
+            reach = reach - above / np.maximum(down - surface.fall(x, y, along, away), 1e-3)
         inverse = np.where(descends & (reach > 0), 1.0 / np.maximum(reach, 1e-3), inverse)
     descent = np.maximum(down, 1e-3) / np.linalg.norm(coarse, axis=-1)
     spread = 1.0 / (np.mean(camera.focal_px) * np.sqrt(descent))

@@ -12,7 +12,15 @@ import numpy as np
 
 from circlecal.geometry.projective import Array
 from circlecal.rig.tripod import TripodModel
-from circlecal.tracking.motion import Flow, HeadMotion, SmallPicture, estimate_motion, follow_corners, move_of_middle
+from circlecal.tracking.motion import (
+    NO_FLOW,
+    Flow,
+    HeadMotion,
+    SmallPicture,
+    estimate_motion,
+    follow_corners,
+    move_of_middle,
+)
 
 WIDTH_PX = 320
 """Width of the coarse picture: a smear of 60 px at 1920 px width is 10 px there."""
@@ -85,7 +93,7 @@ def follow_windows(first: SmallPicture, second: SmallPicture, expected: Array | 
     """
     shift = find_shift(first, second, None if expected is None else expected / first.factor)
     if shift is None:
-        return Flow(np.zeros((0, 2)), np.zeros((0, 2)))
+        return NO_FLOW
     height, width = first.gray.shape
     across, down = (
         np.linspace(BORDER_PX, side - BORDER_PX, count) for side, count in zip((width, height), GRID, strict=True)

@@ -95,6 +95,10 @@ class Flow:
         return float(median_of_rows(np.hypot(*(self.after - self.before).T))) if len(self.before) else 0.0
 
 
+NO_FLOW = Flow(np.zeros((0, 2)), np.zeros((0, 2)))
+"""Where nothing can be followed."""
+
+
 def find_corners(picture: SmallPicture) -> NDArray[np.float32]:
     """Corners (N, 2) that can be followed, reduced pixels."""
     corners = cv2.goodFeaturesToTrack(picture.gray, CORNERS, QUALITY, APART_PX, blockSize=5)
@@ -123,7 +127,7 @@ def follow_corners(
         Size of what is compared about a corner, reduced pixels, and how often the pictures are halved to find it.
     """
     if len(corners) < LEAST_INLIERS:
-        return Flow(np.zeros((0, 2)), np.zeros((0, 2)))
+        return NO_FLOW
     start = corners.reshape(-1, 1, 2)
     moved = np.zeros(2) if expected is None else expected / first.factor
     guess = np.asarray(start + moved, np.float32)

@@ -146,7 +146,7 @@ def may_be_hip(frames: list[HeadedFrame], tripod: TripodEstimate, mean: Array, s
     """
     mean, sd = hold_size(tripod, mean, sd)
     found, hipped = (fit_tripod(frames, t, mean, sd, drawn) for t in (tripod, *_of_shapes(tripod, ["hip"])))
-    return _decide(found, hipped, DECISIVE_SHARE) is hipped
+    return choose_surface(found, hipped, DECISIVE_SHARE) is hipped
 
 
 def _choose_size(
@@ -163,7 +163,7 @@ def _choose_size(
     """
     mean, sd = prior
     roof, parabola = shaped
-    free = _decide(roof, parabola, DECISIVE_SHARE)
+    free = choose_surface(roof, parabola, DECISIVE_SHARE)
     is_told = np.sqrt(np.diag(free.estimate.covariance))[SIZE] < TOLD_SD_M
     spread = 1.0
     if alike > 1.0:
@@ -171,7 +171,7 @@ def _choose_size(
     for hypothesis in USUAL_SIZES:
         usual_mean, usual_sd = _prior_of(hypothesis, is_told, mean, sd)
         roof, parabola = (fit_tripod(frames, f.estimate, usual_mean, usual_sd, drawn, alike=alike) for f in shaped)
-        fixed = _decide(roof, parabola)
+        fixed = choose_surface(roof, parabola)
         if fixed.cost < free.cost:  # which a freer fit cannot be, but for the optimum that it found
             free = fit_tripod(frames, fixed.estimate, mean, sd, drawn, alike=alike)
         more_cost = fixed.cost - free.cost
@@ -183,7 +183,7 @@ def _choose_size(
     return free, mean, sd
 
 
-def _decide(usual: TripodFit, other: TripodFit, share: float = 0.0) -> TripodFit:
+def choose_surface(usual: TripodFit, other: TripodFit, share: float = 0.0) -> TripodFit:
     """The fit before the usual surface, unless that before another costs less by that share of its cost and more."""
     return other if other.cost < (1.0 - share) * usual.cost - DECISIVE else usual
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -31,10 +31,10 @@ from circlecal.tracking.looking import LEAST_PLACES, Look, LookedAt, Place
 from circlecal.tracking.markings import DrawnTemplate, template_curves
 from circlecal.tracking.paint_width import priors_of_frames
 from circlecal.tracking.pitch import (
-    DECISIVE,
     SHAPES,
     WORST_RMS_PX,
     choose_pitch,
+    choose_surface,
     may_be_hip,
     search_length,
     search_width,
@@ -123,7 +123,7 @@ def survey_clip(
         if not any(set(start.used) <= set(tripod.used) for tripod, _ in grown.values()):
             grown[start.name] = _extend_and_measure(start, members, pictures, config, template, drawn, period_s)
     distinct = _keep_distinct([tripod for tripod, _ in grown.values()])
-    _note_hips(grown, config, template, drawn)
+    _note_hips([grown[tripod.name] for tripod in distinct], config, template, drawn)
     learnt = [
         learn_closely(t, grown[t.name][1], pictures, pictures_at, config, drawn, usual, period_s) for t in distinct
     ]
@@ -131,7 +131,7 @@ def survey_clip(
 
 
 def _note_hips(
-    grown: Mapping[str, tuple[TripodEstimate, list[HeadedFrame]]],
+    found: Sequence[tuple[TripodEstimate, list[HeadedFrame]]],
     config: Config,
     template: FieldTemplate,
     drawn: DrawnTemplate,
@@ -141,7 +141,7 @@ def _note_hips(
     """
     if config.camera.crown_shape != "auto":
         return
-    for tripod, members in grown.values():
+    for tripod, members in found:
         measured = [frame.measured for frame in members]
         mean, sd = priors_of_frames(config, template, tripod.size[0] / 1920.0, measured)
         if members and may_be_hip(members, tripod, mean, sd, drawn):
@@ -209,8 +209,7 @@ def _fit_alone(
             heads = start.model.own_of(theta, start.mean)[:, :3]
             frames = [HeadedFrame(a.name, head, a.measured) for a, head in zip(kept, heads, strict=True)]
             fit = fit_tripod(frames, start, mean, sd, drawn)
-            if best is None or fit.cost < best.cost - DECISIVE:
-                best = fit
+            best = fit if best is None else choose_surface(best, fit)
         if best is None:
             return None
         worst = int(np.argmax(best.clear_rms_px))

@@ -33,6 +33,7 @@ def test_slope_is_the_derivative_of_the_drop(surface):
     across = (surface.drop(x, y + 1e-5) - surface.drop(x, y - 1e-5)) / 2e-5
     np.testing.assert_allclose(np.zeros_like(x) if by_x is None else by_x, along, atol=1e-6)
     np.testing.assert_allclose(by_y, across, atol=1e-6)
+    np.testing.assert_allclose(surface.fall(x, y, 2.0, -3.0), 2.0 * along - 3.0 * across, atol=1e-5)
 
 
 def test_drop_at_the_circle():

@@ -2,16 +2,17 @@
 
 import json
 from dataclasses import replace
+from typing import get_args
 
 import cv2
 import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
 
-from circlecal.cli.synth import Clips
+from circlecal.cli.synth import Clips, Shape
 from circlecal.field import load_field
 from circlecal.geometry.camera import camera_from_soccernet, rotation_matrix
-from circlecal.geometry.surface import Surface
+from circlecal.geometry.surface import Surface, SurfaceShape
 from circlecal.pictures.video import Sampling, Video
 from circlecal.synthetic import video
 from circlecal.synthetic.renderer import render
@@ -242,3 +243,7 @@ def test_command_refuses(tmp_path, run_circlecal, arguments):
 
 def test_command_knows_every_kind():
     assert [kind.value for kind in Clips] == [*CLIP_KINDS, "all"]
+
+
+def test_command_knows_every_surface():
+    assert {shape.value for shape in Shape} == set(get_args(SurfaceShape))
