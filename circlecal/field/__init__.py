@@ -1,18 +1,7 @@
-"""The field: its template here, and where a camera shows it in :mod:`circlecal.field.view`."""
+"""The field: templates and their files here, and where a camera shows it in :mod:`circlecal.field.view`."""
 
-from circlecal.field.template import (
-    Arc,
-    Circle,
-    FieldTemplate,
-    Ground,
-    Line,
-    Mark,
-    evaluate_size,
-    field_folder,
-    field_names,
-    load_field,
-    template_from_mapping,
-)
+from circlecal.field.loading import field_folder, field_names, load_field, template_from_mapping
+from circlecal.field.template import Arc, Circle, FieldTemplate, Ground, Line, Mark, evaluate_size
 
 __all__ = [
     "Arc",

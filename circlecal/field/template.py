@@ -9,20 +9,15 @@ from __future__ import annotations
 
 import ast
 import operator
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
-from pathlib import Path
+from functools import cached_property
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
 
-from circlecal.errors import ConfigError, InputError, explain_problem
-from circlecal.files import is_file, open_regular
 from circlecal.geometry.projective import Array
-from circlecal.yaml_text import YamlError, read_yaml
 
 _OPERATORS: dict[type[ast.AST], Any] = {
     ast.Add: operator.add,
@@ -175,7 +170,11 @@ class FieldTemplate(BaseModel):
 
     name: str = Field(description="Name of the template.")
     title: str = Field(description="One line for people.")
-    sport: str | None = Field(None, description="The sport; its templates differ in their sizes. null: one of its own.")
+    sport: str | None = Field(
+        None,
+        description="The sport; its templates differ in their sizes. null: one of its own. A template of yours without "
+        "sport, ground, config or polarity has those of the package's template of its sport, or of one with its names.",
+    )
     ground: Ground = Field(
         "any", description="What it is mostly painted on, told by the colour of a picture; where sports are told apart."
     )
@@ -225,7 +224,7 @@ class FieldTemplate(BaseModel):
 
     @model_validator(mode="after")
     def _names(self) -> FieldTemplate:
-        names = [e.name for e in (*self.circles, *self.arcs, *self.lines, *self.marks)]
+        names = [e.name for e in self._elements]
         doubled = sorted({n for n in names if names.count(n) > 1})
         if doubled:
             raise ValueError(f"names used twice: {', '.join(doubled)}")
@@ -265,6 +264,15 @@ class FieldTemplate(BaseModel):
         kept = {name: getattr(self, name) for name in type(self).model_fields}
         return FieldTemplate.model_construct(**(kept | elsewhere))
 
+    @property
+    def _elements(self) -> tuple[_Element, ...]:
+        return (*self.circles, *self.arcs, *self.lines, *self.marks)
+
+    @cached_property
+    def names(self) -> frozenset[str]:
+        """Names of all markings."""
+        return frozenset(element.name for element in self._elements)
+
     @cached_property
     def circle_by_name(self) -> dict[str, Circle]:
         """Full circles and arcs by name."""
@@ -293,7 +301,7 @@ class FieldTemplate(BaseModel):
     @cached_property
     def is_in_one_paint(self) -> bool:
         """Whether all markings have one colour, so that what is painted in another is none of them."""
-        return len({e.color for e in (*self.circles, *self.arcs, *self.lines, *self.marks)}) <= 1
+        return len({e.color for e in self._elements}) <= 1
 
     def paint_width(self, element: _Element, marking_width_m: float | None = None) -> float:
         """Width of an element's paint in metres: its own one, or the given one or the template's."""
@@ -417,87 +425,3 @@ class FieldTemplate(BaseModel):
         radius = self.radius(circle, "center")
         count = max(8, int(np.ceil(np.radians(end_deg - start_deg) * radius / step_m)) + 1)
         return self.curve_points(circle, "center", np.radians(np.linspace(start_deg, end_deg, count)))
-
-
-def template_from_mapping(content: Any, source: str, sizes: dict[str, float] | None = None) -> FieldTemplate:
-    """Template from the content of its YAML file.
-
-    Parameters
-    ----------
-    content : mapping
-        What the file holds.
-    source : str
-        Named in error messages.
-    sizes : dict, optional
-        Sizes set by the user, over those of the file.
-
-    Raises
-    ------
-    ConfigError
-        With the file, the key and the mend.
-    """
-    if not isinstance(content, dict) or not isinstance(content.get("sizes"), dict):
-        raise ConfigError(f"{source}: a field template is a mapping with a 'sizes' mapping in it")
-    merged = dict(content["sizes"])
-    for key, value in (sizes or {}).items():
-        if key not in merged:
-            raise ConfigError(f"{source}: field.sizes.{key} is unknown; known: {', '.join(sorted(merged))}")
-        merged[key] = value
-    try:
-        evaluated: dict[str, float] = {}
-        for key, value in merged.items():
-            try:
-                evaluated[key] = evaluate_size(value, evaluated)
-            except ValueError as error:
-                raise ConfigError(f"{source}: sizes.{key}: {error}") from error
-        return FieldTemplate.model_validate({**content, "sizes": evaluated}, context={"sizes": evaluated})
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"]) or "template"
-        raise ConfigError(f"{source}: {where}: {explain_problem(first['type'], first['msg'])}") from error
-
-
-def field_folder() -> Path:
-    """Folder of the templates that come with the package."""
-    inside = Path(__file__).parents[1] / "configs" / "fields"
-    return inside if inside.is_dir() else Path(__file__).parents[2] / "configs" / "fields"
-
-
-def field_names() -> list[str]:
-    """Names of the templates that come with the package."""
-    return sorted(path.stem for path in field_folder().glob("*.yaml"))
-
-
-def load_field(name_or_file: str | Path, sizes: dict[str, float] | None = None) -> FieldTemplate:
-    """Template by name or from a file of the user's.
-
-    Raises
-    ------
-    ConfigError
-        Unknown name, unreadable file, or a wrong template.
-    """
-    path = Path(name_or_file)
-    if path.suffix not in (".yaml", ".yml"):
-        path = field_folder() / f"{name_or_file}.yaml"
-        if not is_file(path):
-            known = ", ".join(field_names())
-            if is_file(Path(name_or_file)):
-                raise ConfigError(f"{name_or_file}: is no field template by its name; rename it to end in .yaml")
-            raise ConfigError(f"field {str(name_or_file)!r} is unknown; known: {known}, or give a .yaml file")
-    try:
-        with open_regular(path) as descriptor:
-            changed = os.fstat(descriptor).st_mtime_ns
-        return _read_field(path, changed, tuple(sorted((sizes or {}).items())))
-    except InputError as error:
-        raise ConfigError(str(error)) from error
-
-
-@lru_cache(maxsize=32)
-def _read_field(path: Path, changed_ns: int, sizes: tuple[tuple[str, float], ...]) -> FieldTemplate:
-    """One file read once, as long as it does not change."""
-    try:
-        content = read_yaml(path)
-    except YamlError as error:
-        where = f", line {error.line}" if error.line else ""
-        raise ConfigError(f"{path}{where}: cannot be read: {error}") from error
-    return template_from_mapping(content, str(path), dict(sizes))

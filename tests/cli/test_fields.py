@@ -5,7 +5,7 @@ import numpy as np
 from typer.testing import CliRunner
 
 from circlecal.cli.app import app
-from circlecal.field import field_names, load_field
+from circlecal.field import field_folder, field_names, load_field
 from circlecal.overlay.template_picture import PAINT_BGR, draw_template
 
 
@@ -39,3 +39,17 @@ def test_what_cannot_be_calibrated_is_listed_as_such():
     result = CliRunner().invoke(app, ["fields"], env={"COLUMNS": "200"})
     line = next(line for line in result.output.splitlines() if "beach-soccer" in line)
     assert "cannot be calibrated" in line
+
+
+def test_a_template_of_ones_own_is_checked(tmp_path, run_circlecal):
+    mine = tmp_path / "mine.yaml"
+    mine.write_text((field_folder() / "ice-hockey.yaml").read_text().replace("name: ice-hockey", "name: mine"))
+    outcome = run_circlecal("fields", mine, "soccer")
+    assert outcome.code == 0
+    rows = [line.split("\t") for line in outcome.out.splitlines()]
+    assert ["mine", "60 x 30 m", "0.05 m", "ice-hockey", "centre_circle", "4.5 m (outer edge)", "default"] in rows
+    assert {row[0] for row in rows[2:]} == {"mine", "soccer"}
+    mine.write_text("name: mine")
+    assert run_circlecal("fields", mine).code == 2
+    assert run_circlecal("fields", "--draw", tmp_path / "drawn", "futsal").code == 0
+    assert [path.name for path in (tmp_path / "drawn").iterdir()] == ["futsal.png"]

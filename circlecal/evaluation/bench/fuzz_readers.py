@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from circlecal.api import load
 from circlecal.config import Config, config_digest, config_folder, load_config
 from circlecal.errors import CirclecalError
-from circlecal.field import FieldTemplate, load_field
-from circlecal.field.template import field_folder
+from circlecal.field import FieldTemplate, field_folder, load_field
 from circlecal.formats.cameras import CalibratedFrame
 from circlecal.formats.format import AnnotationFormat, CameraFormat
 from circlecal.formats.meaning import observe
