@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from circlecal.geometry.projective import Array
 from circlecal.refusals import REFUSALS
 from circlecal.results import Check
 from circlecal.rig.tripod import COMMON
+from circlecal.stages.verdict import VerdictConfig
 from circlecal.tracking.entry import BARE_SHARE, Entry
 from circlecal.tracking.looking import Place
 from circlecal.tracking.records import theta_of_view
@@ -34,14 +35,30 @@ FAR = 10**6
 """Frames to a confirmed one where there is none."""
 GRID_M = 5.0
 """Step of the grid over the pitch on which standard deviations are taken."""
-LARGEST_SIGMA_PX, MEAN_SIGMA_PX = 32.0, 8.0
-"""Of the answer, anywhere on what is seen of the pitch and on average over it, pixels at 1920 px width. A camera that
-stands still before circle and near touchline leaves the width of its pitch open: 13 px in a corner of the picture, 5 on
-average, and the mean error is 1 px. A single frame is answered with 64 and 24.
+LARGEST_SHARE, MEAN_SHARE = 1 / 2, 1 / 3
+"""Of the largest and the mean standard deviation that a frame alone may have, those of a frame with its tripod, which
+are taken over all that is seen of the pitch: 32 and 8 px by default. A camera that stands still before circle and near
+touchline leaves the width of its pitch open: 13 px in a corner of the picture, 5 on average, and the error is 1 px.
+Before a pitch of 110 by 89 m these are 42 and 9 px, and the mean error is 9 px, in a corner 47.
 """
 
 
-def answer_shot(entries: list[Entry], count: int) -> Iterator[TrackedFrame]:
+@dataclass(frozen=True, slots=True)
+class SigmaLimits:
+    """Largest standard deviations of an answer, anywhere on what is seen of the pitch and on average over it, pixels at
+    1920 px width.
+    """
+
+    largest_px: float
+    mean_px: float
+
+    @classmethod
+    def of(cls, config: VerdictConfig) -> SigmaLimits:
+        """Those that follow from the limits of single frames."""
+        return cls(LARGEST_SHARE * config.max_sigma_px, MEAN_SHARE * config.max_mean_sigma_px)
+
+
+def answer_shot(entries: list[Entry], count: int, limits: SigmaLimits) -> Iterator[TrackedFrame]:
     """The first frames of one shot, after all of them were smoothed together."""
     if not entries:
         return
@@ -63,7 +80,7 @@ def answer_shot(entries: list[Entry], count: int) -> Iterator[TrackedFrame]:
             smoothed[k] = found.heads[j], found.covariances[j], by_common[j]
     support = _count_to_confirmation(entries)
     for k, entry in enumerate(entries[:count]):
-        yield _refusal(entry, "lost") if k not in smoothed else _answer_frame(entry, *smoothed[k], support[k])
+        yield _refusal(entry, "lost") if k not in smoothed else _answer_frame(entry, *smoothed[k], support[k], limits)
 
 
 def _chains(entries: list[Entry], tracked: list[int]) -> list[list[int]]:
@@ -115,7 +132,9 @@ def _refusal(entry: Entry, code: str) -> TrackedFrame:
     return TrackedFrame(entry.index, entry.time_s, entry.size, entry.shot, None, "refused", code, REFUSALS[code].words)
 
 
-def _answer_frame(entry: Entry, values: Array, covariance: Array, by_common: Array, support: int) -> TrackedFrame:
+def _answer_frame(
+    entry: Entry, values: Array, covariance: Array, by_common: Array, support: int, limits: SigmaLimits
+) -> TrackedFrame:
     """The answer of a frame that was followed, or why it is refused."""
     place = entry.place
     if place is None:
@@ -124,8 +143,8 @@ def _answer_frame(entry: Entry, values: Array, covariance: Array, by_common: Arr
     view = tripod.view(values, covariance, by_common)
     largest_px, mean_px, largest_m = _visible_sigmas(view, place)
     sigmas = (
-        Check.of("sigma_px", largest_px, LARGEST_SIGMA_PX * place.unit),
-        Check.of("mean_sigma_px", mean_px, MEAN_SIGMA_PX * place.unit),
+        Check.of("sigma_px", largest_px, limits.largest_px * place.unit),
+        Check.of("mean_sigma_px", mean_px, limits.mean_px * place.unit),
     )
     checks = (
         Check("painted_share", entry.painted / max(entry.expected, 1), BARE_SHARE, not entry.is_contradicted),

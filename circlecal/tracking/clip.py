@@ -9,7 +9,7 @@ from circlecal.config import Config
 from circlecal.pictures.interlacing import join_fields
 from circlecal.pipeline import field_of
 from circlecal.rig.tripod import Venue
-from circlecal.tracking.answers import answer_shot
+from circlecal.tracking.answers import SigmaLimits, answer_shot
 from circlecal.tracking.clock import StageClock
 from circlecal.tracking.entry import ClipFrame, Entry
 from circlecal.tracking.first_look import suit_tracking
@@ -43,13 +43,14 @@ def track_frames(
     """
     template, _ = field_of(config)
     config = suit_tracking(config, venue.paint_bgr)
+    limits = SigmaLimits.of(config.verdict)
     waiting: list[Entry] = []
     clock = clock or StageClock()
     follower = Follower(venue, config, template, clock)
 
     def answer(count: int) -> list[TrackedFrame]:
         with clock.measure("smoothing"):
-            return list(answer_shot(waiting, count))
+            return list(answer_shot(waiting, count, limits))
 
     for frame in frames:
         if config.mask.deinterlace:

@@ -9,11 +9,13 @@ import pytest
 
 from circlecal.config import load_config
 from circlecal.rig.tripod import COMMON, PLACE
-from circlecal.tracking.answers import answer_shot
+from circlecal.tracking.answers import SigmaLimits, answer_shot
 from circlecal.tracking.entry import Entry
 from circlecal.tracking.looking import LookedAt, Place
 from circlecal.tracking.motion import HeadMotion
 from tests.tracking.scenes import HEAD, SIZE, draw, template, tripod
+
+LIMITS = SigmaLimits.of(load_config().verdict)
 
 
 def _entries(missing: list[int]) -> list[Entry]:
@@ -27,9 +29,9 @@ def _entries(missing: list[int]) -> list[Entry]:
 
 
 def test_a_broad_marking_that_is_not_there_refuses_its_frame() -> None:
-    answered = list(answer_shot(_entries([0, 0, 0]), 3))
+    answered = list(answer_shot(_entries([0, 0, 0]), 3, LIMITS))
     assert [frame.status for frame in answered] == ["calibrated"] * 3
-    answered = list(answer_shot(_entries([0, 1, 0]), 3))
+    answered = list(answer_shot(_entries([0, 1, 0]), 3, LIMITS))
     assert [(frame.status, frame.code) for frame in answered] == [
         ("calibrated", None), ("refused", "paint_missing"), ("calibrated", None),
     ]  # fmt: skip
@@ -45,7 +47,7 @@ def test_a_frame_without_paint_follows_the_tripod_as_its_neighbours_do() -> None
     entries = _entries([0, 0, 0])
     for k, entry in enumerate(entries):
         entry.information, entry.pull = (np.zeros((3, 3)), None) if k == 1 else (shown.fit.information, shown.fit.pull)
-    before, between, after = (frame.sigma_px for frame in answer_shot(entries, 3))
+    before, between, after = (frame.sigma_px for frame in answer_shot(entries, 3, LIMITS))
     assert before is not None and between is not None and after is not None
     assert between < 1.2 * max(before, after)
 
@@ -58,7 +60,7 @@ def test_the_length_of_a_pitch_of_which_one_end_is_seen_refuses_no_frame() -> No
         camera = replace(tripod(), covariance=tripod().covariance + np.outer(by_length, by_length))
         for entry in entries:
             entry.place, entry.head = Place.of(camera, template()), HEAD - np.array([0.0, 0.2, 0.0])
-        return [frame.code for frame in answer_shot(entries, 3)]
+        return [frame.code for frame in answer_shot(entries, 3, LIMITS)]
 
     # the camera stands where it stands before the left end, and where it stands before the right one
     assert codes(-0.5) == [None] * 3
@@ -72,7 +74,7 @@ def test_a_frame_after_the_last_confirmed_one_is_answered_where_its_paint_is_in_
         entry.is_confirmed = False
     for entry in entries[2:]:
         entry.is_in_place = in_place
-    codes = [frame.code for frame in answer_shot(entries, 4)]
+    codes = [frame.code for frame in answer_shot(entries, 4, LIMITS)]
     assert codes == ([None] * 4 if in_place else [None] + ["paint_missing"] * 3)
 
 
@@ -80,4 +82,18 @@ def test_a_frame_between_others_whose_paint_is_in_place_is_refused_where_none_is
     entries = _entries([0] * 3)
     for entry in entries:
         entry.is_confirmed, entry.is_in_place = False, True
-    assert [frame.code for frame in answer_shot(entries, 3)] == ["paint_missing"] * 3
+    assert [frame.code for frame in answer_shot(entries, 3, LIMITS)] == ["paint_missing"] * 3
+
+
+def test_the_limits_are_those_of_the_configuration() -> None:
+    entries = _entries([0] * 3)
+    (sigma_px,) = {frame.sigma_px for frame in list(answer_shot(entries, 3, LIMITS))[1:2]}
+    assert sigma_px is not None
+
+    def codes(max_sigma_px: float) -> set[str | None]:
+        config = load_config(None, {"verdict.max_sigma_px": max_sigma_px}).verdict
+        return {frame.code for frame in answer_shot(entries, 3, SigmaLimits.of(config))}
+
+    unit = SIZE[0] / 1920.0
+    assert codes(2.2 * sigma_px / unit) == {None}
+    assert codes(1.8 * sigma_px / unit) == {"too_uncertain"}
