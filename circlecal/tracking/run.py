@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from functools import partial
@@ -108,7 +108,10 @@ def run_track(
         shots = {row.path: row.track.shot for row in read_records(out, ResultRow) if row.track is not None}
         parts = {video.name: stretches_of(video, run, _last_time_s(log, video)) for video in videos}
         try:
-            with contextlib.closing(_surveys(videos, parts, run, out, workers, scheduler, on_survey)) as surveys:
+            before = {} if restart else _venues_before(videos, run, out)
+            with contextlib.closing(
+                _surveys(videos, parts, before, run, out, workers, scheduler, on_survey)
+            ) as surveys:
                 for video, venue in surveys:
                     if isinstance(venue, Venue):
                         report.venues[video.name] = venue
@@ -196,18 +199,18 @@ def _last_time_s(log: ResultLog, video: Video) -> float | None:
 def _surveys(
     videos: Sequence[Video],
     parts: dict[str, list[Stretch]],
+    before: Mapping[str, Venue],
     run: ClipRun,
     out: Path,
     workers: int,
     scheduler: str | None,
     on_survey: Callable[[str], None],
 ) -> Generator[tuple[Video, Venue | str]]:
-    """The venue of each clip that is not finished, or why there is none; from the file where it was found before."""
+    """The venue of each clip, or why there is none; those that were found before are not looked for again."""
     todo = []
     for video in videos:
-        venue = _read_venue(venue_path(out, video, videos), run)
-        if venue is not None:
-            yield video, venue
+        if video.name in before:
+            yield video, before[video.name]
         elif parts[video.name]:
             on_survey(video.name)
             todo.append(video)
@@ -215,6 +218,12 @@ def _surveys(
         if isinstance(found, Venue):
             write_venue(venue_path(out, video, videos), found, field_of(run.config)[0], run.digest)
         yield video, found
+
+
+def _venues_before(videos: Sequence[Video], run: ClipRun, out: Path) -> dict[str, Venue]:
+    """The venues of clips, by their names, that this run found before it was stopped."""
+    found = {video.name: _read_venue(venue_path(out, video, videos), run) for video in videos}
+    return {name: venue for name, venue in found.items() if venue is not None}
 
 
 def _read_venue(path: Path, run: ClipRun) -> Venue | None:

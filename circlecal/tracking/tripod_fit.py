@@ -40,8 +40,9 @@ LEVER = PLACE["lever"]
 
 
 def common_priors(config: CameraConfig, rig: RigConfig, template: FieldTemplate, unit: float) -> tuple[Array, Array]:
-    """Means and standard deviations (K,) of the common parameters before any frame; the axis has none.
+    """Means and standard deviations (K,) of the common parameters before any frame.
 
+    Of the axis nothing is known, unless the user says where the camera stands: who measures that measures its tripod.
     The pitch may have any size that its rules allow. That most have the template's is another hypothesis, which is
     fitted beside this one.
     """
@@ -50,6 +51,9 @@ def common_priors(config: CameraConfig, rig: RigConfig, template: FieldTemplate,
     def know(name: str, value: float, spread: float) -> None:
         mean[PLACE[name]], sd[PLACE[name]] = value, spread
 
+    if config.position_m is not None:
+        for name, place, spread in zip(COMMON[:3], config.position_m, config.position_sd_m, strict=True):
+            know(name, place, spread)
     for name in ("lean_x", "lean_y"):
         know(name, 0.0, np.radians(rig.lean_sd_deg))
     know("head_roll", 0.0, np.radians(ROLL_SD_DEG))

@@ -170,6 +170,13 @@ def test_another_configuration_is_another_run(tmp_path, engine):
     assert read_venue_file(tmp_path / "out" / "venue.yaml").config_digest == other.digest
 
 
+def test_starting_over_looks_for_the_cameras_again(tmp_path, engine):
+    video, asked = open_clip(tmp_path, frames=12), []
+    for restart, surveys in ((False, 1), (False, 1), (True, 2)):
+        run_track([video], clip_run(), tmp_path / "out", restart=restart, on_survey=asked.append)
+        assert len(asked) == surveys
+
+
 def test_one_bad_clip_does_not_stop_the_others(tmp_path, engine):
     videos = [open_clip(tmp_path, "first"), open_clip(tmp_path, "second", 12)]
     done = scripted.CUT_FRAME + 5

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from circlecal.config import load_config
-from circlecal.rig.tripod import PLACE
+from circlecal.rig.tripod import PLACE, TripodEstimate
 from circlecal.tracking.frame_paint import PART_M, HeadedFrame
 from circlecal.tracking.markings import template_curves
 from circlecal.tracking.tripod_fit import common_priors, count_alike, fit_tripod
@@ -88,3 +88,20 @@ def test_a_frame_that_shows_nothing_but_a_line_that_is_left_out_takes_nothing_fr
     assert len(bare.marking) == 0 and fit.rms_px[0] == 0.0
     np.testing.assert_allclose(fit.estimate.mean, alone.estimate.mean, atol=1e-3)
     assert np.isfinite(count_alike(fit))
+
+
+def test_where_the_camera_is_known_to_stand_its_tripod_stands() -> None:
+    frames, drawn = views_of_a_pitch(105.0, 68.0)[:1], template_curves(template())
+    start = tripod()
+    true = start.mean[:3]
+
+    def fit(*options: str) -> TripodEstimate:
+        config = load_config(None, options)
+        mean, sd = common_priors(config.camera, config.rig, template(), SIZE[0] / 1920.0)
+        return fit_tripod(frames, start, mean, sd, drawn).estimate
+
+    told = fit(f"camera.position_m={true.tolist()}", "camera.position_sd_m=[0.02, 0.02, 0.02]")
+    assert (told.sigma("axis_y"), np.abs(told.mean[:3] - true).max()) < (0.02, 0.02)
+    assert told.sigma("axis_y") < 0.2 * fit().sigma("axis_y")
+    exact = fit(f"camera.position_m={true.tolist()}", "camera.position_sd_m=[0, 0, 0]")
+    np.testing.assert_allclose(exact.mean[:3], true, rtol=0, atol=1e-12)
