@@ -102,6 +102,7 @@ def associate_lines(
     sigma_px: float,
     count: int = 6,
     elsewhere: frozenset[tuple[int, str]] = frozenset(),
+    asked: Mask | None = None,
 ) -> list[Association]:
     """Name seen lines in the most plausible ways.
 
@@ -123,6 +124,8 @@ def associate_lines(
         How many different hypotheses are returned.
     elsewhere : frozenset of (int, str)
         Names that a seen line cannot have, since that marking is known to run elsewhere.
+    asked : (S,) bool, optional
+        Lines of which one must come near a marking for any line to be named.
 
     Returns
     -------
@@ -141,6 +144,8 @@ def associate_lines(
     limits = _limits_of_sizes(template) - theta[EXTENTS, None]
     cost, growth = _innovate(pairs.residuals[None], pairs.jacobians, covariance[None], sigma_px)
     may_seed = (cost[0] < LARGEST_SEED_COST) & _lie_within(growth[0], limits)
+    if asked is not None and not may_seed[asked].any():
+        return []
     off = np.argwhere(may_seed & ~pairs.on_marking)
     if len(off):
         camera = theta, covariance, model

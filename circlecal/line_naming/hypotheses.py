@@ -127,13 +127,15 @@ class NamingScene:
         named = list(association.names)
         return bool(np.delete(self.lengths_px, named).max(initial=0.0) > self.lengths_px[named].sum())
 
-    def hypotheses(self, theta: Array, normal: Array, count: int) -> list[Association]:
-        """The most plausible names under a camera with its Gauss-Newton matrix."""
+    def hypotheses(self, theta: Array, normal: Array, count: int, asked: Mask | None = None) -> list[Association]:
+        """The most plausible names under a camera with its Gauss-Newton matrix; none where no line of those that are
+        asked for (S,) comes near a marking.
+        """
         covariance = posterior_covariance(normal, self.problem.priors.sd)
         covariance = covariance + self.painters_covariance
         model, sigma_px = self.problem.model, LINE_SIGMA_PX * self.unit
         return associate_lines(
-            self.segments, self.template, self.known, theta, covariance, model, sigma_px, count, self.elsewhere
+            self.segments, self.template, self.known, theta, covariance, model, sigma_px, count, self.elsewhere, asked
         )
 
 
@@ -149,6 +151,15 @@ class Trial:
     score: float
     theta: Array
     normal: Array
+
+    @property
+    def left(self) -> Mask | None:
+        """The lines (S,) that get no name, where the fit passes through all that get one; None where it does not, and
+        others may be better names for these.
+        """
+        left = np.ones(len(self.passed), dtype=np.bool_)
+        left[list(self.association.names)] = False
+        return left if (left | self.passed).all() else None
 
 
 def name_lines(
@@ -221,7 +232,7 @@ def match_further_lines(scene: NamingScene, trials: list[Trial], count: int) -> 
     growing = [k for i, k in enumerate(ranked[: max(count, MOST_GROWING)]) if i < count or trials[k].score > near_px]
     for _ in range(ROUNDS - 1):
         growing = [k for k in growing if len(trials[k].association.names) < len(scene.segments)]
-        further = {k: scene.hypotheses(trials[k].theta, trials[k].normal, 1) for k in growing}
+        further = {k: scene.hypotheses(trials[k].theta, trials[k].normal, 1, trials[k].left) for k in growing}
         more = {k: again[0] for k, again in further.items() if again and _is_extension(again[0], trials[k].association)}
         if not more:
             break

@@ -49,13 +49,16 @@ circles whose coats have 0.65 to 0.85 all are measured more truly without that, 
 square along the circle). Of eight rendered circles that have coats of 0.92 to 0.97 the fainter one is the old one on
 two.
 """
-LEAST_GAIN = 87.0
+LEAST_GAIN, LEAST_ALIKE_GAIN = 87.0, 350.0
 """By how much the second band must lower the chi-square, in units of what is left per sample: on 33 of 34 rendered
-circles with an old coat by 104 to 5,800, on 40 without one by 72 at most where its strength is told.
+circles with an old coat by 104 to 5,800, on 40 without one by 72 at most where its strength is told. And where two
+coats may be alike: without one of them the cameras of three rendered circles that gain 490 to 870 explain more, none of
+a rendered and two real ones that gain 150 to 260.
 """
-LEAST_FIRST_GAIN = 10.0
-"""The gain after the first steps, below which the best start is not followed further: 60 rendered circles with a coat
-have 14 or more.
+FIRST_GAIN_SHARE, FIRST_SHARE = 0.35, 0.75
+"""Of the least gain, and of the least strength, what the first steps must reach for the best start to be followed
+further; and of its growth, what the largest one must cover. The old coats of 363 rendered circles gain 0.66 or more of
+the least gain by then, those that are alike 0.43 or more of theirs; of nine in ten the strength is within an eighth.
 """
 OUTLINE, FAR_PX = 720, 20_000.0
 """Corners of the outline of what an old coat may light, and pixels within which they are drawn."""
@@ -103,10 +106,9 @@ class OldCoat:
     strength: float
     gain: float
 
-    @property
-    def is_told(self) -> bool:
-        """Whether it stands out, and its radius is about that of the new one."""
-        is_strong = self.gain >= LEAST_GAIN and self.strength >= LEAST_STRENGTH
+    def is_told(self, least_gain: float = LEAST_GAIN) -> bool:
+        """Whether it stands out by so much gain, and its radius is about that of the new one."""
+        is_strong = self.gain >= least_gain and self.strength >= LEAST_STRENGTH
         return is_strong and abs(self.growth_m) <= MOST_GROWTH_M
 
     @property
@@ -170,24 +172,27 @@ def find_old_coats(profiles: CoatProfiles, width_m: float, may_be_alike: bool = 
     two that are alike each of both, where they may be; none where nothing is surely told.
     """
     joined = _join_sectors(profiles)
-    one, two = (CoatBands(joined, width_m, has_old=has_old) for has_old in (False, True))
+    one = CoatBands(joined, width_m, has_old=False)
     alone = minimise(one, one.evaluate(one.expected[None]), GLANCE_RULE).state
     starts = _list_starts(joined, one, alone, may_be_alike)
     if len(starts) == 0:
         return ()
-    rule = replace(FIRST_RULE, bar=_largest_cost(alone.cost[0], LEAST_FIRST_GAIN, joined))
+    two = CoatBands(joined, width_m, has_old=True)
+    least_gain = LEAST_ALIKE_GAIN if may_be_alike else LEAST_GAIN
+    rule = replace(FIRST_RULE, bar=_largest_cost(alone.cost[0], FIRST_GAIN_SHARE * least_gain, joined))
     both = minimise(two, two.evaluate(starts), rule).state
-    if _gain(alone.cost[0], both.cost.min(), joined) < LEAST_FIRST_GAIN:
+    first, gain = both.parameters[[np.argmin(both.cost)]], _gain(alone.cost[0], both.cost.min(), joined)
+    if gain < FIRST_GAIN_SHARE * least_gain or not _may_be_old(two, first):
         return ()
     one, two = (CoatBands(profiles, width_m, has_old=has_old) for has_old in (False, True))
     alone = minimise(one, one.evaluate(alone.parameters), RULE).state
-    rule = replace(RULE, bar=_largest_cost(alone.cost[0], LEAST_GAIN, profiles))
-    states = [minimise(two, two.evaluate(both.parameters[[np.argmin(both.cost)]]), rule).state]
+    rule = replace(RULE, bar=_largest_cost(alone.cost[0], least_gain, profiles))
+    states = [minimise(two, two.evaluate(first), rule).state]
     if two.read(states[0].parameters).strength[0, 0] > ALIKE:
         states.append(minimise(two, two.evaluate(exchange_bands(states[0].parameters)), RULE).state)
     told = [_describe(two, it.parameters, profiles, _gain(alone.cost[0], it.cost[0], profiles)) for it in states]
     told.sort(key=lambda coat: coat.strength)
-    if not told[0].is_told or (told[0].is_alike and not may_be_alike):
+    if not told[0].is_told(least_gain) or (told[0].is_alike and not may_be_alike):
         return ()
     return tuple(told) if told[0].is_alike else (told[0],)
 
@@ -209,6 +214,12 @@ def _list_starts(profiles: CoatProfiles, one: CoatBands, alone: NormalState, may
 def _gain(alone: float, both: float, profiles: CoatProfiles) -> float:
     """By how much a cost is lower than that of one band, in units of what is left per sample."""
     return float((alone - both) / max(both / profiles.level.size, 1e-12))
+
+
+def _may_be_old(two: CoatBands, first: Array) -> bool:
+    """Whether the second of a pair of bands (1, P) after the first steps has about the strength and size of a coat."""
+    strength, growth_m = float(two.read(first).strength[0, 0]), abs(float(first[0, -3]))
+    return strength >= FIRST_SHARE * LEAST_STRENGTH and FIRST_SHARE * growth_m <= MOST_GROWTH_M
 
 
 def _largest_cost(alone: float, gain: float, profiles: CoatProfiles) -> float:

@@ -92,6 +92,17 @@ def test_known_names_and_lines_elsewhere_are_not_given():
     assert associate_lines(nowhere, SOCCER, KNOWN, theta, exact, MODEL, 1.5) == []
 
 
+def test_nothing_is_named_where_no_line_that_is_asked_for_comes_near_a_marking():
+    theta = theta_of(CAMERA, MODEL)
+    exact = covariance_of(theta, 1e-5, 1e-5, 1e-3)
+    segments = np.array([segment_of("side_line_top"), [[400.0, 900.0], [1500.0, 960.0]]])
+    on_marking, elsewhere = (
+        associate_lines(segments, SOCCER, KNOWN, theta, exact, MODEL, 1.5, asked=np.arange(2) == k) for k in (0, 1)
+    )
+    assert [a.names for a in on_marking] == [{0: "side_line_top"}]
+    assert elsewhere == []
+
+
 def test_nothing_seen_or_nothing_left():
     theta = theta_of(CAMERA, MODEL)
     empty = np.zeros((0, 2, 2))

@@ -154,7 +154,8 @@ def test_all_hypotheses_near_the_best_one_are_grown(scores, grown):
         for k, score in enumerate(scores)
     ]
 
-    def hypotheses_of(theta, normal, count):
+    def hypotheses_of(theta, normal, count, left):
+        assert left.tolist() == [False, True]
         asked.append(int(theta[0]))
         return []
 
@@ -162,3 +163,9 @@ def test_all_hypotheses_near_the_best_one_are_grown(scores, grown):
     scene = SimpleNamespace(problem=problem, segments=np.zeros((2, 2, 2)), hypotheses=hypotheses_of)
     assert hypotheses.match_further_lines(scene, trials, 2) == trials
     assert asked == list(range(grown))
+
+
+def test_lines_are_left_where_a_fit_passes_through_all_that_it_names():
+    trial = Trial(Association({0: "a", 2: "b"}, 300.0, 0.0), np.arange(3) != 1, 300.0, 0.0, np.zeros(17), np.eye(17))
+    assert trial.left.tolist() == [False, True, False]
+    assert replace(trial, passed=np.arange(3) == 0).left is None

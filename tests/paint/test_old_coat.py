@@ -12,6 +12,7 @@ from circlecal.field import load_field
 from circlecal.field.view import FieldView
 from circlecal.geometry.camera import Camera, image_center
 from circlecal.geometry.surface import Surface
+from circlecal.paint import old_coat
 from circlecal.paint.old_coat import find_old_coats, remove_old_coat, sample_coats
 
 SOCCER = load_field("soccer")
@@ -155,12 +156,19 @@ def test_the_fainter_one_of_two_coats_is_the_old_one(coated):
     assert np.abs(coat.beside_m - away).max() < 0.04
 
 
-def test_each_of_two_coats_that_are_alike_may_be_the_old_one():
-    """The camera was led between them, where one band runs along one of them here and along the other there."""
+@pytest.fixture(scope="module")
+def between_alike():
+    """Profiles across two coats that are alike, and how far apart these lie: the camera was led between them, where one
+    band runs along one of them here and along the other there.
+    """
     growth, x, y = OLD
     profiles = sample_coats(picture(1.0), VIEW, CIRCLE, SOCCER)
     away = growth + x * np.cos(profiles.angle) + y * np.sin(profiles.angle)
-    between = replace(profiles, offset_px=profiles.offset_px - (0.5 * away * profiles.scale)[:, None])
+    return replace(profiles, offset_px=profiles.offset_px - (0.5 * away * profiles.scale)[:, None]), away
+
+
+def test_each_of_two_coats_that_are_alike_may_be_the_old_one(between_alike):
+    between, away = between_alike
     assert find_old_coats(between, SOCCER.marking_width_m) == ()
     coats = find_old_coats(between, SOCCER.marking_width_m, may_be_alike=True)
     assert len(coats) == 2
@@ -169,12 +177,36 @@ def test_each_of_two_coats_that_are_alike_may_be_the_old_one():
     for coat, sign in ((first, 1.0), (second, -1.0)):
         assert np.abs(coat.beside_m - sign * away).max() < 0.04
         assert np.abs(coat.place_m + sign * 0.5 * away).max() < 0.03
-        assert coat.growth_m == pytest.approx(sign * growth, abs=0.03)
+        assert coat.growth_m == pytest.approx(sign * OLD[0], abs=0.03)
+
+
+@pytest.mark.parametrize(("noise", "count"), [(15.0, 2), (30.0, 0)])
+def test_coats_that_may_be_alike_must_stand_out_more_than_a_faint_one(between_alike, noise, count):
+    profiles, _ = between_alike
+    level = profiles.level + np.random.default_rng(1).normal(0.0, noise, profiles.level.shape)
+    noisy = replace(profiles, level=level, noise=noise)
+    assert len(find_old_coats(noisy, SOCCER.marking_width_m, may_be_alike=True)) == count
 
 
 def test_a_coat_of_quite_another_radius_is_another_circle(coated):
     coat = look_for_coat(coated)
-    assert coat.is_told
-    assert not replace(coat, growth_m=0.3).is_told
-    assert not replace(coat, gain=80.0).is_told
-    assert not replace(coat, strength=0.1).is_told
+    assert coat.is_told()
+    assert not replace(coat, growth_m=0.3).is_told()
+    assert not replace(coat, gain=80.0).is_told()
+    assert not replace(coat, strength=0.1).is_told()
+
+
+@pytest.mark.parametrize(("strength", "is_followed"), [(0.08, False), (0.15, True)])
+def test_a_coat_that_seems_too_faint_after_a_few_steps_is_followed_no_further(strength, is_followed, monkeypatch):
+    """The first steps see every two sectors as one."""
+    looked_at, fit = [], old_coat.minimise
+
+    def count_samples(problem, state, rule):
+        looked_at.append(problem.linearise(state.parameters[:1])[0].size)
+        return fit(problem, state, rule)
+
+    monkeypatch.setattr(old_coat, "minimise", count_samples)
+    profiles = sample_coats(picture(strength), VIEW, CIRCLE, SOCCER)
+    assert (len(find_old_coats(profiles, SOCCER.marking_width_m)) == 1) == is_followed
+    assert looked_at[:2] == [profiles.level.size // 2] * 2
+    assert (profiles.level.size in looked_at) == is_followed

@@ -90,7 +90,8 @@ def test_of_two_coats_that_are_alike_that_one_is_new_which_the_centre_mark_agree
 
 def test_coats_that_are_alike_are_believed_only_where_they_explain_much(monkeypatch):
     assert clean_coats(monkeypatch, 9.0, [(True, (8.0, 7.0))])[0] == []
-    assert clean_coats(monkeypatch, 4.0, [(True, (1.1, 6.0))])[:2] == ([], [False])
+    assert clean_coats(monkeypatch, 4.9, [(True, (1.1, 6.0))])[:2] == ([], [False])
+    assert clean_coats(monkeypatch, 5.1, [(True, (1.1, 6.0))])[:2] == ([1.0], [False, True])
 
 
 def test_of_coats_that_may_be_alike_only_the_one_that_is_believed_is_more_than_a_draft(monkeypatch):
