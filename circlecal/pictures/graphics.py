@@ -399,7 +399,8 @@ def _is_box(image: NDArray[np.uint8], band: Band, most_elsewhere: float = FIELD_
     if inside.size == 0:
         return False
     usual = _usual_colour(inside)
-    plain = _has_colour(inside, usual)
+    if _has_colour(inside, usual).mean() < PLAIN_SHARE:
+        return False
     behind = RIM_PX + round(TRIM * len(image))
     sides = [
         [np.median(side, axis=0) for side in (rim, outside, further) if side is not None]
@@ -423,8 +424,8 @@ def _is_box(image: NDArray[np.uint8], band: Band, most_elsewhere: float = FIELD_
     )
     rows = image[band.top : band.bottom + 1, columns]
     strips = [(_share_of_rows(_has_colour(rows, outside)) > GROUND_SHARE).mean() for _, outside, *_ in sides]
-    is_plain = plain.mean() >= PLAIN_SHARE and unlike and sides and max(strips) <= STRIP_SHARE
-    return bool(is_plain and _has_colour(_elsewhere(image, band), usual).mean() <= most_elsewhere)
+    is_apart = unlike and sides and max(strips) <= STRIP_SHARE
+    return bool(is_apart and _has_colour(_elsewhere(image, band), usual).mean() <= most_elsewhere)
 
 
 def _inside_of(image: NDArray[np.uint8], band: Band) -> NDArray[np.uint8]:
