@@ -15,7 +15,7 @@ from circlecal.camera.priors import SharedPrior, SharedPriorConfig
 from circlecal.camera.problem import WIDE_LOSS, Problem, evaluate
 from circlecal.camera.residuals import curve_residuals, line_curve, sample_feet
 from circlecal.camera.rig_options import RigConfig
-from circlecal.camera.world import FLAT_RELIEF_SHARE, FLAT_SD_M
+from circlecal.camera.world import BREADTH, FLAT_RELIEF_SHARE, FLAT_SD_M, LENGTH, Size, World
 from circlecal.config import Config
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera_parameters import INDEX, POSITION, ProjectionModel
@@ -24,7 +24,7 @@ from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import Surface
 from circlecal.observations import Observations
 from circlecal.rig.frames import RigFrame
-from circlecal.rig.information import deletion_gains, estimate_common, shared_prior
+from circlecal.rig.information import deletion_gains, estimate_common, frame_information, shared_prior
 from circlecal.rig.joint import JointProblem, JointState, Turning, joint_problem, minimise_joint, start_state
 from circlecal.rig.positions import group_positions
 
@@ -34,6 +34,10 @@ ZOOM_BINS = 5
 """Frames are taken from so many parts of the range of zooms in turn: a change by zoom shows between them only."""
 SAME_CAMERA = 0.99
 """Share of cameras within which two estimates of one position lie."""
+UNUSUAL_SIGMAS = 3.0
+"""By how many standard deviations of the usual sizes a field that one frame alone shows must differ from them for other
+sizes to be compared.
+"""
 LARGEST_LEVER_M = 3.0
 """Twice the longest lever arm that standing cameras have shown: further apart two frames are of two cameras."""
 
@@ -188,21 +192,61 @@ def _estimate_rig(
     circle: Circle,
     config: Config,
 ) -> Rig | None:
-    """The joint fit of frames of a camera, without those that do not fit; None where too few are left. Of a field that
-    they show to be flat, the marks lie on even ground, unless too few of them agree there.
+    """The joint fit of frames of a camera, without those that do not fit; None where too few are left.
+
+    The field has the size for which there is the most evidence. Of a field that they show to be flat, the marks lie on
+    even ground, unless too few of them agree there.
     """
     thetas = np.array([frame.turn_field() if turn else frame.theta for frame, turn in zip(frames, turned, strict=True)])
 
-    def fit(options: Config) -> Rig | None:
+    def fit(options: Config, size: Size) -> Rig | None:
         seen = zip(frames, thetas, turned, strict=True)
-        problems = [problem_of_frame(f, theta, template, circle, options, turned=turn) for f, theta, turn in seen]
+        problems = [
+            problem_of_frame(f, theta, template, circle, options, turned=turn, field_size=size)
+            for f, theta, turn in seen
+        ]
         return _fit_problems(name, frames, problems, thetas, options)
 
-    rig = fit(config)
-    if rig is None:
+    shares = _possible_sizes(thetas, template, config)
+    found = {size: rig for size in shares if (rig := fit(config, size)) is not None}
+    if not found:
         return None
-    told = with_told_relief(config, rig.prior())
-    return rig if told is config else fit(told) or rig
+    cameras = dict(zip((frame.id for frame in frames), thetas, strict=True))
+    size = max(found, key=lambda size: _log_evidence(found[size], cameras, config) + np.log(shares[size]))
+    told = with_told_relief(config, found[size].prior())
+    return found[size] if told is config else fit(told, size) or found[size]
+
+
+def _possible_sizes(thetas: Array, template: FieldTemplate, config: Config) -> dict[Size, float]:
+    """Sizes that the field may have, and the share of fields with each: others than the usual one where one of the
+    cameras (F, P) that were found alone has its field clearly longer or wider.
+    """
+    usual_sd = np.array([template.length_sd_m, template.width_sd_m])
+    is_other = (np.abs(thetas[:, [LENGTH, BREADTH]]) > UNUSUAL_SIGMAS * usual_sd).any()
+    others = 1.0 - config.camera.usual_size_share
+    other_length = others * config.camera.other_length_share
+    shares: dict[Size, float] = {"usual": 1.0 - others, "other_length": other_length, "any": others - other_length}
+    possible = {size: share for size, share in shares.items() if share > 0.0}
+    return possible if is_other else {"usual": 1.0}
+
+
+def _log_evidence(rig: Rig, cameras: Mapping[str, Array], config: Config) -> float:
+    """Logarithm of the evidence for the size of the field with which frames were fitted, in Laplace's approximation as
+    of :mod:`circlecal.camera.field_evidence`, up to what all sizes have in common.
+
+    What is each frame's own counts alike for all sizes; a frame that was left out counts as much as it may at most fit
+    worse than alone, by its camera (P,).
+    """
+    problem, state = rig.problem, rig.state
+    alone = sum(_cost_alone(p, cameras[name]) for p, name in zip(problem.frames, rig.used, strict=True))
+    worse = float(state.cost[0]) - alone + len(rig.left_out) * config.rig.maximum_chi_square_increase
+    precision, _ = frame_information(state)
+    whole = state.H_common + precision.sum(axis=0)
+    scale = np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    _, determinant = np.linalg.slogdet(whole / np.outer(scale, scale))
+    sd = problem.priors.sd[[LENGTH, BREADTH]]
+    volume = 0.5 * determinant + np.log(scale).sum() + np.log(sd[(sd > 0) & np.isfinite(sd)]).sum()
+    return float(-0.5 * worse - volume)
 
 
 def _fit_problems(
@@ -291,6 +335,7 @@ def problem_of_frame(
     *,
     turned: bool = False,
     grown: bool = True,
+    field_size: Size = "usual",
 ) -> Problem:
     """A frame's observations with the standard deviations that its residuals at ``theta`` ask for.
 
@@ -306,6 +351,8 @@ def problem_of_frame(
         Whether ``theta`` sees the field turned by 180 degrees against the frame's named lines.
     grown : bool
         False: the stated standard deviations, with the model's own.
+    field_size : str
+        Which size the field is taken to have.
     """
     if frame.observations is None:
         raise ValueError(f"frame {frame.id} came without its observations")
@@ -315,10 +362,11 @@ def problem_of_frame(
     names = [find_opposite_line(name, template) if turned else name for name in frame.named_lines]
     seen = restore_names(frame.observations, names, theta, template, model).without(frame.rejected)
     noise = NoiseModel(options.maximum_points, options.model_sigma_px * unit, options.correlation_px * unit)
+    priors = priors_of(options, template, circle, model)
     problem = Problem(
         curves_from_observations(seen, template, noise),
         points_from_observations(seen, template, relief_of(options, template)),
-        priors_of(options, template, circle, model),
+        World(field_size, is_flat=False, share=1.0).priors(priors, priors, template),
         model,
         options.loss_scale,
     )

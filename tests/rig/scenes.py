@@ -10,7 +10,9 @@ from circlecal.camera.covariance import posterior_covariance
 from circlecal.camera.observed import NoiseModel, curves_from_observations, points_from_observations
 from circlecal.camera.options import priors_of
 from circlecal.camera.problem import Problem, minimise
+from circlecal.camera.world import Size, World
 from circlecal.config import Config, load_config
+from circlecal.field import load_field
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.camera_parameters import PARAMETERS, ProjectionModel, theta_of
 from circlecal.geometry.surface import Surface
@@ -57,9 +59,22 @@ def seen_by(
 
 def calibrated(name: str, camera: Camera, rng: np.random.Generator, sigma: float = 0.3) -> RigFrame:
     """A frame calibrated alone, from the truth as start."""
-    seen = seen_by(camera, rng, sigma=sigma)
+    return calibrate_seen(name, camera, seen_by(camera, rng, sigma=sigma))
+
+
+def calibrated_before_touchline(name: str, camera: Camera, rng: np.random.Generator, width_m: float) -> RigFrame:
+    """A frame of a pitch of another width that shows its far touchline, calibrated alone before a pitch of any size."""
+    pitch = load_field("soccer", {"width": width_m})
+    touchline = line_points(camera, pitch, "side_line_top", 60, 0.3, rng)
+    seen = seen_by(camera, rng)
+    return calibrate_seen(name, camera, replace(seen, lines=(*seen.lines, touchline)), "any")
+
+
+def calibrate_seen(name: str, camera: Camera, seen: Observations, size: Size = "usual") -> RigFrame:
+    """A frame by what was seen, from the true camera as start."""
     model = ProjectionModel(camera.width, camera.height, Surface("flat"))
-    priors = priors_of(CONFIG.camera, TEMPLATE, CIRCLE, model)
+    usual = priors_of(CONFIG.camera, TEMPLATE, CIRCLE, model)
+    priors = World(size, is_flat=False, share=1.0).priors(usual, usual, TEMPLATE)
     problem = Problem(
         curves_from_observations(seen, TEMPLATE, NoiseModel(60, 0, 60)), points_from_observations(seen, TEMPLATE),
         priors, model,

@@ -7,6 +7,7 @@ import pytest
 
 from circlecal.camera.priors import SharedPrior
 from circlecal.config import Config
+from circlecal.geometry.camera_parameters import INDEX
 from circlecal.geometry.homography import SIDES
 from circlecal.observations import LinePoints
 from circlecal.rig import estimation
@@ -20,8 +21,18 @@ from circlecal.rig.estimation import (
     with_told_relief,
 )
 from circlecal.rig.frames import RigFrame
+from circlecal.synthetic.cameras import aim_camera
 
-from .scenes import CIRCLE, CONFIG, TEMPLATE, calibrated, displaced, goal_views, main_views
+from .scenes import (
+    CIRCLE,
+    CONFIG,
+    TEMPLATE,
+    calibrated,
+    calibrated_before_touchline,
+    displaced,
+    goal_views,
+    main_views,
+)
 
 
 def rigs_of(frames, config=CONFIG, cameras=None):
@@ -201,3 +212,30 @@ def test_a_camera_is_that_of_most_frames_whichever_were_left_out_first(first_cou
     larger, smaller = (first, rest) if first_count == 3 else (rest, first)
     assert (rig.used, rig.left_out) == (larger, smaller)
     assert rig.members == ("m0", "m1", "m2", "m3", "m4")
+
+
+@pytest.mark.parametrize("width_m", [50.0, 60.0, 86.0])
+def test_a_pitch_of_another_width_is_known_as_such(width_m):
+    rng = np.random.default_rng(4)
+    place = np.array([2.0, 75.0, -18.0])
+    views = [aim_camera(place, np.array([x, -12.0, 0.0]), 2400.0, 0.01, 1920, 1080, 0.03) for x in (-6.0, -2, 2, 6)]
+    frames = [calibrated_before_touchline(f"f{k}", view, rng, width_m) for k, view in enumerate(views)]
+    (rig,) = rigs_of(frames)
+    assert len(rig.used) == 4
+    mean, sd = summarise_shared(rig)["breadth"]
+    assert abs(mean - (width_m - TEMPLATE.width_m)) < 3 * sd + 0.1
+    position, sigma = position_of(rig)
+    assert (np.abs(position - place) < 4 * sigma + 0.05).all()
+
+
+def test_a_pitch_of_the_usual_width_is_kept_where_one_frame_alone_has_another():
+    rng = np.random.default_rng(5)
+    place = np.array([2.0, 75.0, -18.0])
+    views = [aim_camera(place, np.array([x, -12.0, 0.0]), 2400.0, 0.01, 1920, 1080, 0.03) for x in (-6.0, -2, 2, 6)]
+    frames = [calibrated_before_touchline(f"f{k}", view, rng, TEMPLATE.width_m) for k, view in enumerate(views)]
+    theta = frames[0].theta.copy()
+    theta[INDEX["breadth"]] = 5.0
+    (rig,) = rigs_of([replace(frames[0], theta=theta), *frames[1:]])
+    mean, sd = summarise_shared(rig)["breadth"]
+    assert abs(mean) < 1.0
+    assert sd <= TEMPLATE.width_sd_m
