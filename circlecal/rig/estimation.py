@@ -37,8 +37,8 @@ SAME_CAMERA = 0.99
 UNUSUAL_SIGMAS, UNUSUAL_SHARE = 3.0, 0.25
 """By how many standard deviations of the usual sizes a field that a frame alone shows must differ from them, and the
 share of frames that show such a field, for other sizes to be compared. Of 85 frames of four real pitches none does, of
-58 of four rendered ones of other sizes all do. What all real frames repeat, of the surface and of painters, adds up, and
-one frame that is wrong must not open the size to it.
+58 of four rendered ones of other sizes all do. What all real frames repeat, of the surface and of painters, adds up,
+and one frame that is wrong must not open the size to it.
 """
 LARGEST_LEVER_M = 3.0
 """Twice the longest lever arm that standing cameras have shown: further apart two frames are of two cameras."""
