@@ -52,6 +52,13 @@ contrast: a line that usually shows less is worn.
 """
 _FADED = 0.5
 """Of its own brightness: what is left of a disc just beyond its edge. At 1.0 2 wrong more, at 0.25 5 right fewer."""
+_LINE_PX = 1.5
+"""Pixels to both sides of the line's middle over which its paint is looked at: it is wider, or blur makes it so."""
+_BRIGHTEST = 1.0
+"""Of the brightness of the line's paint where the disc lies on it, which is the disc's own: its rim shows no more, and
+less where blur mixes it with the ground. Of 614 right marks of rendered frames it shows 0.1 to 0.59, of real ones up
+to 0.84; of a piece of bare ground beside a line that is worn off, taken for a mark 8 px off, more than there is.
+"""
 _AROUND_PX = 2.5
 """How far around the disc the line and the surface must be bare, pixels. At 1.0 and at 5.0 2 right fewer, and 2 and 3
 wrong more.
@@ -89,7 +96,8 @@ class SeenMark:
 class _Rectified:
     """The picture around a stretch of the halfway line: rows along the line, columns along the field's other axis.
 
-    ``values`` (T, S) are brightnesses over what is ``usual`` (S,) in their column.
+    ``values`` (T, S) are brightnesses over what is ``usual`` (S,) in their column; ``in_view`` (2, T) says on which
+    sides of the line, left and right, the picture shows all that a disc there would cover or lie beside.
     ``position`` (T,) along the line and ``across`` (S,) in px; ``base`` (T, 2) the places on the line, ``length`` its
     half chord in px; ``half_px`` the disc's half axes along and across in the middle of the allowed range,
     ``halves_px`` (T, 2) at each place.
@@ -97,6 +105,7 @@ class _Rectified:
 
     values: Array
     usual: Array
+    in_view: Mask
     position: Array
     across: Array
     base: Array
@@ -148,9 +157,9 @@ def find_centre_mark(
     inner = min(paint + blur_px, _INNERMOST * seen.half_px[1])
     line_contrast = _line_contrast(seen)
     left, right = (_response(seen, blur_px, inner, side) for side in (-1.0, 1.0))
-    if left is None or right is None or line_contrast < _LEAST_LINE:
+    if line_contrast < _LEAST_LINE:
         return None
-    response = np.minimum(left, right)
+    response = _join_sides(left, right)
     allowed = (seen.position >= offset[0] * seen.length) & (seen.position <= offset[1] * seen.length)
     peak = int(np.argmax(np.where(allowed, response, -np.inf)))
     if not 1 <= peak < len(response) - 1 or not allowed[peak - 1 : peak + 2].all():
@@ -168,7 +177,7 @@ def find_centre_mark(
     sides = _bare_sides(seen, peak, blur_px, inner, line_contrast)
     if not (all(sides) if snr < minimum_snr else any(sides)):
         return None
-    shown = sum(response for response, bare in zip((left, right), sides, strict=True) if bare)
+    shown = sum(side.contrast for side, bare in zip((left, right), sides, strict=True) if bare)
     place = _peak_position(seen.position, np.asarray(shown), peak)
     sigma = float(np.hypot(_SIGMA_FLOOR_PX, (seen.half_px[0] + blur_px) / snr))
     point = np.array([np.interp(place, seen.position, seen.base[:, axis]) for axis in range(2)])
@@ -213,19 +222,25 @@ def _rectify(
     across = np.arange(-reach, reach + _STEP_PX / 2, _STEP_PX)
     values = np.asarray(sample_profiles(picture, base, direction, across), np.float64)
     # further out the picture may end
-    needed = np.abs(across) <= half[1] + 1.5 * blur_px + 2.0 + _AROUND_PX
-    whole = np.isfinite(values[:, needed]).all(axis=1)
+    needed = half[1] + 1.5 * blur_px + 2.0 + _AROUND_PX
+    is_seen = np.isfinite(values)
+    sides = [(side * across >= -_LINE_PX) & (side * across <= needed) for side in (-1.0, 1.0)]
+    in_view = np.stack([is_seen[:, columns].all(axis=1) for columns in sides])
+    whole = in_view.any(axis=0)
     if np.count_nonzero(whole) < 24:
         return None
     values = values[whole]
     known = np.isfinite(values).any(axis=0)
     values, across = values[:, known], across[known]
     usual = (np.nanmedian if np.isnan(values).any() else np.median)(values, axis=0)
-    return _Rectified(values - usual, usual, position[whole], across, base[whole], length, half, halves[whole])
+    places = position[whole], across, base[whole], length, half, halves[whole]
+    return _Rectified(values - usual, usual, in_view[:, whole], *places)
 
 
 def _bend(line: Array, points_px: Array, places: Array, wanted: Array) -> Array:
-    """Distance (T,) of the paint from the straight line at wanted places along it: a running median."""
+    """Distance (T,) of the paint from the straight line at wanted places along it: a running median, which goes on
+    beyond the measured points as a parabola through them does.
+    """
     size = min(_BEND_POINTS, len(places))
     if size < 3:
         return np.zeros(len(wanted))
@@ -234,7 +249,10 @@ def _bend(line: Array, points_px: Array, places: Array, wanted: Array) -> Array:
     order = order[max(0, low - 2 * size) : high + 2 * size]  # medians beyond bear on no wanted place
     ordered = np.stack([places[order], line_distance(line, points_px[order])])
     at, middle = np.lib.stride_tricks.sliding_window_view(ordered, size, axis=1)
-    return np.interp(wanted, at.mean(axis=-1), np.median(middle, axis=-1))
+    at, middle = at.mean(axis=-1), np.median(middle, axis=-1)
+    course = np.polyfit(at, middle, min(2, len(at) - 1))
+    beyond = np.polyval(course, wanted) - np.polyval(course, np.clip(wanted, at[0], at[-1]))
+    return np.asarray(np.interp(wanted, at, middle) + beyond)
 
 
 def half_chords(conic: Array, points: Array, directions: Array) -> Array:
@@ -250,24 +268,45 @@ def half_chords(conic: Array, points: Array, directions: Array) -> Array:
 
 def _line_contrast(seen: _Rectified) -> float:
     """Usual brightness of the halfway line over the surface beside it; where most of it is worn, that of the rest."""
-    outer, paint = np.abs(seen.across) > 2.0 * seen.half_px[1] + 2.0, np.abs(seen.across) <= 1.5
+    outer, paint = np.abs(seen.across) > 2.0 * seen.half_px[1] + 2.0, np.abs(seen.across) <= _LINE_PX
     ground = float(np.median(seen.usual[outer]))
     usual = float(seen.usual[paint].max()) - ground
     left = float(np.quantile(seen.values[:, paint] + seen.usual[paint], _UNWORN, axis=0).max()) - ground
     return usual if usual >= _MOSTLY_WORN * left else left
 
 
-def _response(seen: _Rectified, blur_px: float, inner_px: float, side: float) -> Array | None:
-    """Contrast (T,) of a disc centred at each row, measured on one side of the line beyond its paint."""
+@dataclass(frozen=True, slots=True)
+class _Response:
+    """Contrast (T,) of a disc centred at each row on one side of the line, and for which rows (T,) the picture shows
+    all that this compares.
+    """
+
+    contrast: Array
+    is_whole: Mask
+
+
+def _join_sides(left: _Response, right: _Response) -> Array:
+    """Contrast (T,) of a disc that is seen on both sides of the line, or on one at the picture's border; none where
+    the border cuts both.
+    """
+    sides = (np.where(side.is_whole, side.contrast, np.inf) for side in (left, right))
+    response = np.minimum(*sides)
+    return np.where(np.isinf(response), 0.0, response)
+
+
+def _response(seen: _Rectified, blur_px: float, inner_px: float, side: float) -> _Response:
+    """Contrast of a disc centred at each row, measured on one side of the line beyond its paint."""
     b, a = seen.half_px
+    shown = seen.in_view[0 if side < 0 else 1]
     distance = side * seen.across
     used = (distance > min(inner_px, a)) & (distance <= a + 1.5 * blur_px)
     beyond = (distance > a + 1.5 * blur_px + 1.0) & (distance <= 3.0 * a + 8.0)
-    if not used.any() or not beyond.any():
-        return None
-    surface = seen.values[:, beyond]
+    if not (shown.any() and used.any() and beyond.any()):
+        return _Response(np.zeros(len(shown)), np.zeros(len(shown), np.bool_))
+    surface = seen.values[shown][:, beyond]
     surface = (np.nanmean if np.isnan(surface).any() else np.mean)(surface, axis=1, keepdims=True)
-    values = (seen.values[:, used] - surface).astype(np.float32)
+    values = np.zeros((len(shown), np.count_nonzero(used)), np.float32)
+    values[shown] = seen.values[shown][:, used] - surface
     half = int(np.ceil((2.0 * b + 2.0 * blur_px + 2.0) / _STEP_PX))
     t = np.arange(half + 1)[:, None] * _STEP_PX
     disc = _disc_coverage(t, distance[used][None], b, a, blur_px)
@@ -276,8 +315,9 @@ def _response(seen: _Rectified, blur_px: float, inner_px: float, side: float) ->
     kernel /= float(np.maximum(kernel, 0.0).sum())  # the response is a mean brightness: never more than the paint's
     mirrored = np.arange(-half, len(values) + half) % (2 * len(values))
     padded = values[np.minimum(mirrored, 2 * len(values) - 1 - mirrored)]
-    response = cv2.matchTemplate(padded, kernel.astype(np.float32), cv2.TM_CCORR)
-    return np.asarray(response[:, 0], np.float64)
+    response = cv2.matchTemplate(padded, kernel.astype(np.float32), cv2.TM_CCORR)[:, 0]
+    is_cut = cv2.dilate((~shown[:, None]).astype(np.uint8), np.ones((2 * half + 1, 1), np.uint8))[:, 0] > 0
+    return _Response(np.asarray(response, np.float64), ~is_cut)
 
 
 def _bare_sides(
@@ -303,21 +343,39 @@ def _bare_sides(
         disc = (beside > inner_px) & (beside <= a + blur_px)
         aside = (beside > rim) & (beside <= max(_ASIDE_RADII * a, rim + 2.0 * _AROUND_PX))
         lit[place] = [_median_level(values[rows][:, aside]) for rows in (on, *beyond)]
-        is_bare = bool(abs(lit[place, 0]) <= _FADED * line_contrast)
+        is_shown = bool(seen.in_view[place, on | beyond[0] | beyond[1]].all())
+        is_bare = is_shown and bool(abs(lit[place, 0]) <= _FADED * line_contrast)
         # what a large disc adds is added to the ground beside it, which is as uneven as worn paint is faint
         level = lit[place, 0] if is_bare and is_large else 0.0
         lit[place, 0] -= level
         shown[place] = [float(values[rows][:, disc].mean()) for rows in (on, *beyond)]
         shown[place, 0] -= level
         bare.append(is_bare)
-    if not any(bare) or _is_line_hidden(seen, (on, *beyond), bare, a + 1.5 * blur_px + 1.0, line_contrast):
+    if not any(bare):
         return False, False
+    paint = _measure_line(seen, (on, *beyond), bare, a + 1.5 * blur_px + 1.0)
+    if paint.darkest < -_HIDDEN * line_contrast:
+        return False, False
+    sides, shown = _tell_sides(shown, lit, bare, _FADED * line_contrast)
+    most = _BRIGHTEST * paint.on_disc
+    return sides[0] and bool(shown[0, 0] <= most), sides[1] and bool(shown[1, 0] <= most)
+
+
+def _tell_sides(shown: Array, lit: Array, bare: Sequence[bool], most: float) -> tuple[tuple[bool, bool], Array]:
+    """On which sides of the line the disc ends, and by what is brighter (2, 3) on it, above and below it; ``lit``
+    (2, 3) is how bright the ground beside these is, at most ``most`` where nothing stands on it.
+    """
     sides = _ending_sides(shown, bare)
-    if not any(sides) and all(bare):
+    if any(sides):
+        return sides, shown
+    if all(bare):
         # shade that crosses the line dims the ground beside the disc as it dims the disc
         both = _ending_sides(shown - lit, bare)
-        sides = both if all(both) else sides
-    return sides
+        if all(both):
+            return both, shown - lit
+    # somebody may stand above or below the disc's one half
+    clear = [is_bare and bool(np.abs(around).max() <= most) for is_bare, around in zip(bare, lit, strict=True)]
+    return _ending_sides(shown, clear), shown
 
 
 def _median_level(values: Array) -> float:
@@ -341,17 +399,26 @@ def _ending_sides(shown: Array, bare: Sequence[bool]) -> tuple[bool, bool]:
     return halves[0], halves[1]
 
 
-def _is_line_hidden(
-    seen: _Rectified, parts: Sequence[Mask], bare: Sequence[bool], rim_px: float, line_contrast: float
-) -> bool:
-    """Whether the line is darker than the bare ground beside it anywhere on the parts (T,) of it: something stands
-    there, while worn paint only leaves the ground.
+@dataclass(frozen=True, slots=True)
+class _LinePaint:
+    """How much brighter the line is than the bare ground beside it: where a disc lies on it, and at its darkest place
+    there and around it, grey levels.
+    """
+
+    on_disc: float
+    darkest: float
+
+
+def _measure_line(seen: _Rectified, parts: Sequence[Mask], bare: Sequence[bool], rim_px: float) -> _LinePaint:
+    """The line on parts (T,) of it, of which the disc covers the first. Where it is darker than the ground something
+    stands there, while worn paint only leaves the ground.
     """
     values = seen.values + seen.usual
     sides = [side * seen.across > rim_px for side, is_bare in zip((-1.0, 1.0), bare, strict=True) if is_bare]
     ground, paint = np.logical_or.reduce(sides), np.abs(seen.across) <= 1.0
-    darkest = [values[rows][:, paint].mean(axis=1).min() - np.nanmedian(values[rows][:, ground]) for rows in parts]
-    return bool(min(darkest) < -_HIDDEN * line_contrast)
+    levels = [float(np.nanmedian(values[rows][:, ground])) for rows in parts]
+    darkest = [values[rows][:, paint].mean(axis=1).min() - level for rows, level in zip(parts, levels, strict=True)]
+    return _LinePaint(float(np.median(values[parts[0]][:, paint])) - levels[0], float(min(darkest)))
 
 
 def _fades_beyond(shown: Array, faded: float) -> bool:

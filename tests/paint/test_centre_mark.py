@@ -72,3 +72,42 @@ def test_a_mark_is_as_uncertain_as_noise_scatters_it():
     # beside the 0.3 px by which painted marks are no exact discs
     by_noise_px = np.sqrt(np.mean([mark.sigma_px**2 - 0.3**2 for mark in found if mark is not None]))
     assert 0.5 < by_noise_px / np.std(off_px) < 3.0
+
+
+def test_a_mark_whose_one_half_the_picture_does_not_show_is_told_by_the_other():
+    """The picture ends 4 px right of the line's middle: its paint is 1.8 px wide to each side, the disc 9 px."""
+    found = find(paint_mark((0.0, 0.15))[:, : int(MIDDLE[0]) + 5])
+    assert found is not None
+    assert found.point_px == pytest.approx((MIDDLE[0], MIDDLE[1] + 0.15), abs=0.1)
+
+
+def test_a_mark_lies_on_the_line_beyond_its_measured_points():
+    """The line bends by 6 px, and is measured no further than 20 px before the mark."""
+    along = np.linspace(0.22, 0.98, 40)
+    points = MIDDLE + np.stack([6.0 * (1.0 - along**2), along * AXES_PX[1]], axis=-1)
+    conic = conic_from_ellipse(Ellipse(MIDDLE, tuple(AXES_PX), 0.0))
+    line = np.array([1.0, 0.0, -MIDDLE[0]])
+    picture = paint_mark((6.0, 0.0), bend_px=6.0)
+    found = find_centre_mark(picture, line, points, conic, 2.0 * RADIUS, WIDTH, BLUR_PX, (-0.2, 0.2), 4.0)
+    assert found is not None
+    assert found.point_px == pytest.approx((MIDDLE[0] + 6.0, MIDDLE[1]), abs=0.15)
+
+
+def test_a_player_above_one_half_of_a_mark_does_not_hide_the_other():
+    """A shirt as bright as the paint, right of the line, ends 4 px above the disc's middle."""
+    picture = paint_mark((0.0, 0.0))
+    x, y = MIDDLE.astype(int)
+    picture[y - 40 : y - 4, x + 4 : x + 30] = 150.0
+    found = find(picture)
+    assert found is not None
+    assert found.point_px == pytest.approx(MIDDLE, abs=0.3)
+
+
+@pytest.mark.parametrize(("paint", "is_found"), [(60.0, True), (12.0, False)])
+def test_no_mark_is_told_that_is_brighter_than_the_line_on_it(paint, is_found):
+    """A light patch of a disc's shape to both sides of the line, where that has so much of its 60 levels left."""
+    picture = paint_mark((0.0, 0.0))
+    x, y = MIDDLE.astype(int)
+    worn = picture[y - 20 : y + 21, x - 3 : x + 4]
+    worn[:] = 90.0 + paint / 60.0 * (worn - 90.0)
+    assert (find(picture) is not None) is is_found

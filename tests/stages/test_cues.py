@@ -437,7 +437,8 @@ def test_a_large_faint_mark_lies_on_the_ground_beside_it():
     along, aside = position[:, None] - 60.0, across[None]
     values = -6.0 * (np.abs(along) < 30.0) + 9.0 * ((along / 15.0) ** 2 + (aside / 12.0) ** 2 < 1.0)
     halves = np.tile([15.0, 12.0], (len(position), 1))
-    seen = _Rectified(values, 0.0 * across, position, across, np.zeros((len(position), 2)), 200.0, (15.0, 12.0), halves)
+    line = position, across, np.zeros((len(position), 2)), 200.0, (15.0, 12.0), halves
+    seen = _Rectified(values, 0.0 * across, np.ones((2, len(position)), np.bool_), *line)
     assert _bare_sides(seen, 120, 1.0, 6.0, 20.0) == (True, True)
 
 
