@@ -126,10 +126,18 @@ def _find_boxes(image: NDArray[np.uint8], edges: list[Band], light_edges: list[B
     for edge, below in _list_beginnings(light_edges, found):
         box = _grow(image, edge, below, found)
         if box is not None:
-            above = [edge for edge in edges if edge.top < box.top]
-            taken = (other.bottom + 1 for other in found if other.top < box.top)
-            found.append(replace(box, top=max([_uppermost(above, box.top, height), *taken])))
-    return [box for box in found if not (_is_field_beside(image, box, found) or _is_strip_of_field(image, box, found))]
+            found.append(replace(box, top=_top_with_stripes(box, edges, found, height)))
+    is_field = [_is_field_beside(image, box, found) or _is_strip_of_field(image, box, found) for box in found]
+    kept = [box for box, is_none in zip(found, is_field, strict=True) if not is_none]
+    # their stripes may have been counted to a strip of field above, as long as that was taken for a box
+    return [replace(box, top=min(box.top, _top_with_stripes(box, edges, kept, height))) for box in kept]
+
+
+def _top_with_stripes(box: Band, edges: list[Band], others: list[Band], height: int) -> int:
+    """The first row of a box with the narrow stripes along its upper edge, at most up to one of the others."""
+    above = [edge for edge in edges if edge.top < box.top]
+    taken = (other.bottom + 1 for other in others if other.top < box.top)
+    return max([_uppermost(above, box.top, height), *taken])
 
 
 def _is_strip_of_field(image: NDArray[np.uint8], box: Band, found: list[Band]) -> bool:

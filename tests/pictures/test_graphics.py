@@ -250,3 +250,15 @@ def test_points_on_and_right_beside_a_box_are_not_clear_of_it():
     points = np.array([[300.0, 120], [300, 97], [300, 143], [300, 90], [300, 150], [150, 120], [405, 120]])
     assert lie_clear(points, covered).tolist() == [False, False, False, True, True, True, True]
     assert lie_clear(points, None).all()
+
+
+def test_a_stripe_along_a_box_belongs_to_it_where_the_field_above_was_taken_for_a_box_before():
+    """Between two boxes lies a strip of field; the lower one's stripe begins in row 515. Compressed, its edge steps
+    in all rows from 514 to 519.
+    """
+    rng = np.random.default_rng([9922, 196, PROFILES.index("world_banners")])
+    image = render_frame("world_banners", rng, 1280, 720).image
+    encoded = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 92])[1]
+    upper, lower = find_bands(np.asarray(cv2.imdecode(encoded, cv2.IMREAD_COLOR), np.uint8))
+    assert abs(upper.bottom - 347) <= 3
+    assert (lower.top, lower.bottom) == (pytest.approx(514, abs=2), pytest.approx(546, abs=3))
