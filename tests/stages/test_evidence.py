@@ -277,6 +277,15 @@ def test_a_line_may_end_early_where_the_mark_and_lines_confirm_the_camera():
     assert weigh(bare, confirmed).status == "calibrated"
 
 
+@pytest.mark.parametrize(("share", "code"), [(0.9, None), (0.2, "markings_missing")])
+def test_a_line_may_end_early_where_lines_confirm_the_camera_and_a_further_marking_is_found(share, code):
+    bare = replace(NO_PAINT, bare_widths=0.13)
+    keys = [MarkingKey(name) for name in ("halfway_line", "side_line_top", "big_rect_left_main")]
+    confirmed = replace(fit_of(CAMERA), residuals_px=dict.fromkeys(keys, 0.1))
+    seen = Agreement(("big_rect_left_top",), np.array([120.0]), np.array([share]))
+    assert weigh(bare, confirmed, agreement=seen).code == code
+
+
 def test_a_piece_of_which_a_player_hides_all_but_a_fifth_does_not_outweigh_the_others():
     """Relative to what was measured its error would be thirty times as large as that of any other piece."""
     away = np.linspace(40.0, 75.0, 32)
