@@ -18,6 +18,7 @@ from circlecal.detection.circle import (
     hide_samples,
     is_drawn_on_both_sides,
     is_tentative,
+    may_be_faint,
     measure_circle,
 )
 from circlecal.detection.ellipse_batch import EllipseBatch
@@ -214,14 +215,11 @@ class Candidates:
         hypothesis = describe_circle(circle, float(inside), width)
         hypothesis = replace(hypothesis, checks=check_circle(hypothesis, True, width, config.acceptance))
         refusal = find_refusal(hypothesis.checks)
-        tentative = is_tentative(hypothesis, width, config.acceptance)
-        painted = replace(
-            hypothesis, painted_share=1.0
-        )  # faint paint is only looked for where it would change something
-        if refusal == "circle_support_too_low" and not tentative and is_tentative(painted, width, config.acceptance):
+        # faint paint is only looked for where it would change something
+        if refusal == "circle_support_too_low" and may_be_faint(hypothesis, width, config.acceptance):
             share, sectors = measure_painted_share(gray, ellipse_from_conic(hypothesis.conic), circle.sign)
             hypothesis = replace(hypothesis, painted_share=share if sectors >= FEWEST_SECTORS else 0.0)
-            tentative = is_tentative(hypothesis, width, config.acceptance)
+        tentative = is_tentative(hypothesis, width, config.acceptance)
         return _Measured(circle, hypothesis, refusal, tentative)
 
     def _add_halfway(self, measured: _Measured, ruled_out: tuple[Interpretation, ...]) -> _Candidate:

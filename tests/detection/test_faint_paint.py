@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from circlecal.detection import DetectorConfig, detect
-from circlecal.detection.circle import TENTATIVE_PAINTED_SHARE, TENTATIVE_SHARE
+from circlecal.detection.circle import TENTATIVE_PAINTED_SHARE, TENTATIVE_SHARE, CircleHypothesis, may_be_faint
+from circlecal.detection.options import AcceptanceConfig
 from circlecal.geometry.conics import sampson_distance
 from circlecal.geometry.ellipses import Ellipse, ellipse_from_conic
 from circlecal.paint.matched_filter import SECTORS, measure_painted_share
@@ -53,3 +54,11 @@ def test_a_circle_too_faint_for_single_places_is_tentative_with_its_line() -> No
     assert found.confidence is Confidence.TENTATIVE
     without = paint_scene(markings=HALFWAY_AND_CIRCLE[:1], **FAINT)
     assert detect(without.image, DetectorConfig(), np.random.default_rng(0)).circle is None
+
+
+@pytest.mark.parametrize(("share", "is_worth_a_look"), [(0.2, False), (0.4, True), (0.6, False)])
+def test_faint_paint_is_looked_for_where_single_places_show_some_but_too_little(share, is_worth_a_look) -> None:
+    conic = paint_scene().conic
+    circle = CircleHypothesis(conic, 1.0, share, share, share, share, 0.5, np.zeros((0, 2)))
+    assert may_be_faint(circle, 1280, AcceptanceConfig()) is is_worth_a_look
+    assert not may_be_faint(replace(circle, rms_px=9.0), 1280, AcceptanceConfig())
