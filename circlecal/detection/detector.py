@@ -33,6 +33,11 @@ slow one where another surface holds a circle. Of 131 last passes over real fram
 to calibrations, after scores of 0.16 to 0.4, and 65 followed scores below 0.1. Of 20 slow passes beside a surface with
 a circle those found one that saw it before, since both surfaces overlap.
 """
+LEAST_GLIMPSED = 0.05
+"""Score of the best ellipse that the quick pass saw on a surface beside the largest one, below which no slow pass over
+it follows: of 55 such passes over 73 real pictures and 226 rendered ones of 14 profiles 14 found a circle, after scores
+of 0.081 or more; 23 followed scores below 0.05. On the largest surface paint may be too faint for the quick pass.
+"""
 ON_CIRCLE_PX, PLACES = 4.0, 9
 """Pixels at 1920 px width from the circle within which half of a segment's places, so many, make it a flat part of it.
 """
@@ -244,7 +249,8 @@ def _plan(
 ) -> Iterator[tuple[Pass, FieldRegion]]:
     """Passes and the regions that they search, in order: quick ones on the largest surface, then quick and slow ones
     also on the largest beside it; last ones where the ``results`` of all others hold no circle. Surfaces on which
-    nothing like a circle was seen are left out of the slow ones where another holds one, and of the last ones.
+    nothing like a circle was seen are left out of the slow ones where another holds one, and of the last ones; that
+    beside the largest is left out where hardly anything was.
     """
     regions = [search.find_region(0, config)]
     signs = SIGNS[config.marking or "light"]
@@ -260,24 +266,25 @@ def _plan(
             yield first_pass(config, sign), other
     for region in regions:
         elsewhere = any(result.choice.circle is not None and result.region is not region for result in results)
+        least = LEAST_SEEN if elsewhere else 0.0 if region is regions[0] else LEAST_GLIMPSED
         for sign in signs:
-            if not (elsewhere and _is_bare(results, region, sign)):
+            if not _is_bare(results, region, sign, least):
                 yield second_pass(config, sign), region
     if not any(result.choice.circle is not None for result in results):
         for sign in signs:
             for region in regions:
-                if not _is_bare(results, region, sign):
+                if not _is_bare(results, region, sign, LEAST_SEEN):
                     yield flat_pass(config, sign), region
 
 
-def _is_bare(results: Sequence[PassResult], region: FieldRegion, sign: float) -> bool:
-    """Whether no pass over a surface saw anything like a circle of markings of a polarity on it."""
+def _is_bare(results: Sequence[PassResult], region: FieldRegion, sign: float, least: float) -> bool:
+    """Whether no pass over a surface saw an ellipse of markings of a polarity on it that has at least some score."""
     scores = (
         result.choice.candidates[0].score
         for result in results
         if result.region is region and result.sign == sign and result.choice.candidates
     )
-    return max(scores, default=0.0) < LEAST_SEEN
+    return max(scores, default=0.0) < least
 
 
 def _rank(result: PassResult) -> tuple[bool, bool, bool, float, int]:

@@ -332,6 +332,23 @@ def test_a_bare_surface_beside_that_of_a_circle_is_searched_quickly() -> None:
     assert [result.region is found.region for result in found.passes] == [False, True, True]
 
 
+def test_a_surface_beside_a_larger_one_is_searched_slowly_where_something_like_a_circle_was_seen() -> None:
+    """A circle of which little is left may be there; the larger one is searched slowly in any case."""
+
+    def regions_searched(beside: np.ndarray) -> list[bool]:
+        ground = np.full((480, 1280, 3), (70, 70, 95), np.uint8)
+        ground += np.random.default_rng(1).integers(0, 12, ground.shape, np.uint8)
+        found = run(np.concatenate([beside, ground]))
+        largest = found.passes[0].region
+        assert found.circle is None
+        return [result.region is largest for result in found.passes]
+
+    view = {"width": 1280, "height": 400, "focal_px": 1600.0, "noise": 1.0}
+    assert regions_searched(paint_scene(markings=(), **view).image) == [True, False, True]
+    arc = paint_scene(markings=(ring(0.0, RADIUS_M, 2.2),), **view).image
+    assert regions_searched(arc)[:4] == [True, False, True, False]
+
+
 def test_a_line_in_another_paint_than_the_circle_is_not_its_halfway_line() -> None:
     """A ring that an analyst draws may have the line of another marking through its middle."""
     ring_only, line_only = (paint_scene(markings=HALFWAY_AND_CIRCLE[k : k + 1], noise=0.0).image for k in (0, 1))
