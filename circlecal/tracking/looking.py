@@ -72,7 +72,8 @@ class LookedAt:
     Attributes
     ----------
     gray : (H, W) uint8
-        Brightness, along the colour of the paint where that is known.
+        Brightness, along the colour of the paint where that is known, and darkness where paint is dark: markings are
+        lighter than their surface in it.
     small : SmallPicture
         Reduced, for motion.
     reduced : (h, w, 3) uint8
@@ -93,6 +94,8 @@ class LookedAt:
     def of(cls, picture: NDArray[np.uint8], mask: MaskConfig, beside: LookedAt | None = None) -> LookedAt:
         """Prepare a BGR picture (H, W, 3); the playing surface is taken from a picture beside it where one is given."""
         gray = brightness_of_paint(picture, mask.paint_bgr, mask.other_paint_bgr)
+        if mask.paint_bgr is None and mask.detector.marking == "dark":
+            gray = np.asarray(cv2.bitwise_not(gray), np.uint8)
         if beside is not None and beside.gray.shape == gray.shape:
             return cls(gray, SmallPicture.of(gray), beside.reduced, beside.region, mask)
         height, width = gray.shape

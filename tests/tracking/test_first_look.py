@@ -17,6 +17,7 @@ from circlecal.rig.tripod import Venue
 from circlecal.rig.venue import read_venue, venue_settings, write_venue
 from circlecal.synthetic.renderer import render
 from circlecal.synthetic.sampling import sample_scene
+from circlecal.synthetic.scene import Scene
 from circlecal.tracking.clip import track_frames
 from circlecal.tracking.entry import ClipFrame
 from circlecal.tracking.first_look import FirstLook, learn_paint, suit_tracking
@@ -35,7 +36,11 @@ def hall() -> tuple[list[NDArray[np.uint8]], list[Array]]:
     """
     scene = sample_scene("wood", np.random.default_rng([77, 10]), 640, 360)
     look = {"turf_bgr": FLOOR, "paint_bgr": PAINT, "gloss": 0.1, "patchiness": 0.02, "texture": 0.015, "noise": 0.6}
-    scene = replace(scene, config=scene.config.model_copy(update=look), extras=(), painted=None)
+    return _pan_over(replace(scene, config=scene.config.model_copy(update=look), extras=(), painted=None))
+
+
+def _pan_over(scene: Scene) -> tuple[list[NDArray[np.uint8]], list[Array]]:
+    """Pictures of a camera that pans, and where in each the middle and four points of the circle are."""
     pictures, there = [], []
     for index in range(COUNT):
         turn = np.array([np.radians(0.6) * (index - COUNT / 2), 0.0, 0.0])
@@ -68,12 +73,26 @@ def test_a_clip_is_followed_along_the_colour_of_its_paint(
     venue = read_venue(path, futsal)
     assert venue.paint_bgr == found.paint_bgr
     assert load_config("futsal", venue_settings(path, futsal)).mask.paint_bgr == found.paint_bgr
+    _require_tracked(pictures, there, venue, config)
+
+
+def _require_tracked(pictures: list[NDArray[np.uint8]], there: list[Array], venue: Venue, config: Config) -> None:
+    """Every frame is answered, to a pixel; a field turned by 180 degrees is the same one."""
     frames = [ClipFrame(index, index * STEP_S, picture) for index, picture in enumerate(pictures)]
     for tracked, place in zip(track_frames(frames, venue, config), there, strict=True):
-        assert tracked.view is not None
+        assert tracked.status == "calibrated" and tracked.view is not None
         off = np.linalg.norm(tracked.view.project(PLACES) - place, axis=1)
         turned = np.linalg.norm(tracked.view.project(-PLACES) - place, axis=1)
         assert min(off.max(), turned.max()) < 1.0
+
+
+def test_lines_of_several_colours_that_are_all_dark_are_followed() -> None:
+    scene = sample_scene("ice", np.random.default_rng([77, 1]), 640, 360)
+    pictures, there = _pan_over(replace(scene, extras=(), decals=(), painted=None))
+    config = load_config("ice-hockey")
+    found = _survey(pictures, config)
+    assert len(found.tripods) == 1 and found.paint_bgr is None
+    _require_tracked(pictures, there, found, config)
 
 
 def test_what_a_user_says_of_the_paint_is_not_learnt_anew() -> None:
