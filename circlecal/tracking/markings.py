@@ -57,6 +57,8 @@ class DrawnTemplate:
         Circles: centre, radius of the centreline, first and last angle. Lines have a radius of 0.
     by_width : (K,) array
         How much the radius of a centreline grows per metre of marking width.
+    own_width_m : (K,) array
+        Width of the paint of markings that have one of their own, such as the lines of a rink; 0 of all others.
     """
 
     names: tuple[str, ...]
@@ -68,6 +70,7 @@ class DrawnTemplate:
     first: Array
     last: Array
     by_width: Array
+    own_width_m: Array
 
     def places(self, marking: Indices, share: Array, theta: Array) -> Array:
         """Points (M, 2) at a share (M,) of the way along markings (M,), metres, before they move with the field.
@@ -82,6 +85,11 @@ class DrawnTemplate:
         start, end = self.nodes[marking, 0], self.nodes[marking, -1]
         on_line = (start + share[:, None] * (end - start)) * (1.0 + theta[SIZES[1:]] * self.stretches[marking])
         return np.where(self.radius[marking, None] > 0, on_circle, on_line)
+
+    def widths_m(self, marking: Indices, usual_m: float) -> Array:
+        """Width of the paint of markings (M,), metres: the usual one but for those that have one of their own."""
+        own = self.own_width_m[marking]
+        return np.where(own > 0.0, own, usual_m)
 
     @property
     def is_circle(self) -> Mask:
@@ -112,7 +120,8 @@ def _read_curves(template_json: str) -> DrawnTemplate:
     # the arcs of the penalty areas move with the goal lines
     shifts[:C, 1, 0] = np.where(np.abs(center[:C, 0]) > 1.0, np.sign(center[:C, 0]) / 2.0, 0.0)
     stretches = np.array([template.growth_of(marking)[1] for marking in nodes])
-    return DrawnTemplate(names, nodes, shifts, stretches, center, radius, first, last, by_width)
+    own_width_m = np.array([element.width_m or 0.0 for element in (*round_ones, *template.lines)])
+    return DrawnTemplate(names, nodes, shifts, stretches, center, radius, first, last, by_width, own_width_m)
 
 
 def template_curves(template: FieldTemplate) -> DrawnTemplate:
@@ -213,7 +222,7 @@ def place_markings(
     model : ProjectionModel
         Picture and surface.
     width_m : float
-        Width of the paint, metres.
+        Width of the paint of markings that have none of their own, metres.
     spacing_px : float
         Distance of neighbours, pixels at 1920 px width.
     """
@@ -250,7 +259,8 @@ def place_markings(
     across = seen.along(-tangent[None, :, 1], tangent[None, :, 0])[0].T
     across_px_m = (across * normals).sum(axis=1)
     scale = np.abs(across_px_m)
-    width_px, slant_px = width_m * scale, width_m * np.abs((across * image).sum(axis=1))
+    widths_m = drawn.widths_m(marking, width_m)
+    width_px, slant_px = widths_m * scale, widths_m * np.abs((across * image).sum(axis=1))
     found = seen.pixels[0]
     inside = (found > MARGIN_PX).all(axis=1) & (
         found < (model.width - 1 - MARGIN_PX, model.height - 1 - MARGIN_PX)

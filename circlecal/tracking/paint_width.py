@@ -16,6 +16,7 @@ from circlecal.config import Config
 from circlecal.field import FieldTemplate
 from circlecal.geometry.projective import Array
 from circlecal.rig.tripod import PLACE
+from circlecal.tracking.markings import DrawnTemplate, template_curves
 from circlecal.tracking.seen_paint import MeasuredFrame
 from circlecal.tracking.tripod_fit import common_priors
 
@@ -49,7 +50,9 @@ def half_peak_width(width_px: Array, blur_px: float) -> Array:
     return np.asarray(blur_px * np.interp(width_px / blur_px, _RATIO, _HALF_WIDTH))
 
 
-def estimate_paint_width(frames: Sequence[MeasuredFrame], usual_m: float) -> tuple[float, float] | None:
+def estimate_paint_width(
+    frames: Sequence[MeasuredFrame], usual_m: float, drawn: DrawnTemplate
+) -> tuple[float, float] | None:
     """Width of the paint and its standard deviation, metres; None where the frames do not show it.
 
     Parameters
@@ -58,11 +61,16 @@ def estimate_paint_width(frames: Sequence[MeasuredFrame], usual_m: float) -> tup
         Of one camera.
     usual_m : float
         Width by the template.
+    drawn : DrawnTemplate
+        The field: markings that have a width of their own say nothing of the others'.
     """
-    scale = np.concatenate([frame.scale_px_m for frame in frames]) if frames else np.zeros(0)
     from scipy.optimize import least_squares  # slow to import
 
-    seen = np.concatenate([frame.width_px for frame in frames]) if frames else np.zeros(0)
+    is_usual = [drawn.own_width_m[frame.marking] == 0.0 for frame in frames]
+    scale, seen = (
+        np.concatenate([getattr(frame, name)[usual] for frame, usual in zip(frames, is_usual, strict=True)] or [[]])
+        for name in ("scale_px_m", "width_px")
+    )
     broad = scale * usual_m > LEAST_PX
     if np.count_nonzero(broad) < LEAST_PLACES:
         return None
@@ -94,7 +102,7 @@ def priors_of_frames(
 ) -> tuple[Array, Array]:
     """Means and standard deviations (K,) of the common parameters, with how broad the paint looks in frames."""
     mean, sd = common_priors(config.camera, config.rig, template, unit)
-    seen = estimate_paint_width(measured, template.marking_width_m)
+    seen = estimate_paint_width(measured, template.marking_width_m, template_curves(template))
     if seen is not None:
         # paint is no broader than the rules allow, however it looks
         mean[PLACE["width"]] = min(seen[0] - template.marking_width_m, 0.0)

@@ -6,9 +6,11 @@ import cv2
 import numpy as np
 import pytest
 
+from circlecal.field import load_field
 from circlecal.field.view import FieldView
-from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, project
+from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel, project, theta_of
 from circlecal.geometry.projective import Array
+from circlecal.synthetic.cameras import aim_camera
 from circlecal.synthetic.optics import motion_kernel
 from circlecal.synthetic.paint import paint_layers
 from circlecal.tracking.frame_paint import residuals_of
@@ -231,3 +233,17 @@ def test_the_sharp_line_at_a_corner_is_not_the_smeared_one() -> None:
     shown = np.isin(np.arange(count), at)
     assert shown[down < 160.0].all()
     assert not shown[is_sharp].any()
+
+
+def test_wide_lines_of_a_rink_are_as_wide_as_their_template_says() -> None:
+    rink = load_field("ice-hockey-nhl")
+    drawn = template_curves(rink)
+    camera = aim_camera(np.array([2.0, 40.0, -14.0]), np.array([4.0, 0.0, 0.0]), 1500.0, 0.0, 1280, 720)
+    model = ProjectionModel(1280, 720)
+    places = place_markings(drawn, theta_of(camera, model), model, 0.05)
+    width_m = places.width_px / places.scale_px_m
+    wide = [drawn.names.index(name) for name in ("centre_line", "blue_line_left", "blue_line_right")]
+    is_wide = np.isin(places.marking, wide)
+    assert is_wide.any() and not is_wide.all()
+    np.testing.assert_allclose(width_m[is_wide], rink.line_by_name["centre_line"].width_m)
+    np.testing.assert_allclose(width_m[~is_wide], 0.05)
