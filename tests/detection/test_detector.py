@@ -335,16 +335,19 @@ def test_a_bare_surface_beside_that_of_a_circle_is_searched_quickly() -> None:
 def test_a_surface_beside_a_larger_one_is_searched_slowly_where_something_like_a_circle_was_seen() -> None:
     """A circle of which little is left may be there; the larger one is searched slowly in any case."""
 
-    def regions_searched(beside: np.ndarray) -> list[bool]:
+    def regions_searched(beside: np.ndarray, *ruled_out: Interpretation) -> list[bool]:
         ground = np.full((480, 1280, 3), (70, 70, 95), np.uint8)
         ground += np.random.default_rng(1).integers(0, 12, ground.shape, np.uint8)
-        found = run(np.concatenate([beside, ground]))
+        image = np.concatenate([beside, ground])
+        found = detect(image, CONFIG, np.random.default_rng(7), ruled_out=ruled_out)
         largest = found.passes[0].region
         assert found.circle is None
         return [result.region is largest for result in found.passes]
 
     view = {"width": 1280, "height": 400, "focal_px": 1600.0, "noise": 1.0}
-    assert regions_searched(paint_scene(markings=(), **view).image) == [True, False, True]
+    bare = paint_scene(markings=(), **view)
+    assert regions_searched(bare.image) == [True, False, True]
+    assert regions_searched(bare.image, Interpretation(bare.conic, None)) == [True, False, True, False]
     arc = paint_scene(markings=(ring(0.0, RADIUS_M, 2.2),), **view).image
     assert regions_searched(arc)[:4] == [True, False, True, False]
 
