@@ -84,7 +84,7 @@ def synth(
             "--profile",
             "-p",
             metavar="NAME",
-            help=f"What the frames show; repeatable: {', '.join(Profile)}. (default: all)",
+            help=f"What the frames show, or the look of clips; repeatable: {', '.join(Profile)}. (default: all)",
         ),
     ] = None,
     size: Annotated[
@@ -140,7 +140,9 @@ def _write_clips(
     interlaced: bool,
 ) -> None:
     from circlecal.cli import console
-    from circlecal.synthetic.video import CLIP_KINDS, ClipSpec, require_clips, write_clips
+    from circlecal.synthetic.clip_files import require_clips, write_clips
+    from circlecal.synthetic.clip_plans import kinds_of
+    from circlecal.synthetic.video import CLIP_KINDS, ClipSpec
 
     width, height = options.parse_size(size)
     spec = ClipSpec(width=width, height=height, seconds=seconds, rate=rate, interlaced=interlaced)
@@ -149,7 +151,7 @@ def _write_clips(
     if surface is not None:
         spec = replace(spec, surface=surface.value)
     require_clips(count, seed, spec)
-    kinds = [name for name in CLIP_KINDS if kind in (name, Clips.ALL)]
+    kinds = kinds_of(spec.look) if kind == Clips.ALL else [name for name in CLIP_KINDS if name == kind.value]
     with _progress(count * round(seconds * rate)) as report:
         ids = write_clips(out, count, seed, spec, kinds, report=report)
     console.print_line(f"{len(ids)} clip{'s' * (len(ids) != 1)} written to {out}")

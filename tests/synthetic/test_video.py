@@ -10,14 +10,16 @@ import pytest
 from scipy.ndimage import map_coordinates
 
 from circlecal.cli.synth import Clips, Shape
+from circlecal.errors import InputError
 from circlecal.field import load_field
 from circlecal.geometry.camera import camera_from_soccernet, rotation_matrix
 from circlecal.geometry.surface import Surface, SurfaceShape
 from circlecal.pictures.video import Sampling, Video
 from circlecal.synthetic import video
+from circlecal.synthetic.clip_plans import kinds_of, plan_clip
 from circlecal.synthetic.renderer import render
 from circlecal.synthetic.tripod import Tripod, sample_tripod
-from circlecal.synthetic.video import CLIP_KINDS, ClipSpec, plan_clip
+from circlecal.synthetic.video import CLIP_KINDS, ClipSpec
 
 SIZE = (640, 360)
 
@@ -247,3 +249,22 @@ def test_command_knows_every_kind():
 
 def test_command_knows_every_surface():
     assert {shape.value for shape in Shape} == set(get_args(SurfaceShape))
+
+
+@pytest.mark.parametrize("look", ["rink", "court"])
+def test_a_clip_of_another_sport_shows_its_field_as_its_truth_says(look):
+    clip = planned("sweep", 5, look=look)
+    assert clip.template.name == {"rink": "ice-hockey-nhl", "court": "basketball-nba"}[look]
+    first, last = clip.frame(0)[1], clip.frame(clip.count // 3)[1]
+    assert abs(last.pan_rad - first.pan_rad) > np.radians(5.0)
+    for told in (first, last):
+        camera = told.truth.camera
+        apart = clip.tripod.position_m + clip.tripod.lever_m * camera.R[2] - camera.position_m
+        assert np.abs(apart).max() < 0.05
+    assert clip.to_json()["field"] == clip.template.name
+
+
+def test_clips_of_other_sports_have_no_cuts():
+    assert "cuts" not in kinds_of("rink") and kinds_of("broadcast") == CLIP_KINDS
+    with pytest.raises(InputError, match="cuts"):
+        planned("cuts", 5, look="rink")

@@ -26,6 +26,9 @@ def track(
     seconds: Annotated[float, typer.Option(min=0.2, max=60.0, help="Length of a clip.")] = 10.0,
     rate: Annotated[float, typer.Option(min=1.0, max=120.0, help="Frames per second.")] = 25.0,
     width: Annotated[int, typer.Option(min=320, max=3840, help="Width of the frames, 16:9.")] = 1280,
+    profile: Annotated[
+        str, typer.Option(metavar="NAME", help="Look of the clips, as of circlecal synth; court, ice: other sports.")
+    ] = "broadcast",
     seed: Seed = 0,
     config: options.ConfigFile = None,
     settings: options.Settings = None,
@@ -36,14 +39,16 @@ def track(
 
     from circlecal.cli.console import count_steps
     from circlecal.evaluation.bench.track import clips_of, render_and_track, spec_of, track_folder
+    from circlecal.synthetic.sampling import SCENE_PROFILES
     from circlecal.synthetic.video import CLIP_KINDS
 
+    look = split_names(profile, "--profile", SCENE_PROFILES)[0]
     wanted = split_names(kinds, "--kinds", CLIP_KINDS)
     chosen = options.choose_config(config, settings)
     known = [name for name in CLIP_KINDS if name in wanted]
     with count_steps("clip", count if path is None else len(clips_of(path))) as advance:
         if path is None:
-            found = render_and_track(known, count, seed, spec_of(width, seconds, rate), chosen, advance)
+            found = render_and_track(known, count, seed, spec_of(width, seconds, rate, look), chosen, advance)
         else:
             found = track_folder(path, chosen, advance)
     if as_json:

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from circlecal.config import Config
+from circlecal.config import Config, suit_config
 from circlecal.errors import InputError, reading_failure
 from circlecal.field.view import FieldView
 from circlecal.geometry.camera import Camera, camera_from_soccernet
@@ -24,8 +24,9 @@ from circlecal.geometry.surface import Surface, SurfaceShape
 from circlecal.pictures.video import Sampling, Video, pictures_at
 from circlecal.pipeline import field_of
 from circlecal.records.parts import CameraRow
+from circlecal.synthetic.clip_files import write_clips
 from circlecal.synthetic.dataset import TRUTH_FOLDER
-from circlecal.synthetic.video import CLIP_KINDS, ClipKind, ClipSpec, ShotKind, write_clips
+from circlecal.synthetic.video import ClipKind, ClipSpec, ShotKind
 from circlecal.tracking.clip import track_frames
 from circlecal.tracking.clock import Stage, StageClock
 from circlecal.tracking.entry import ClipFrame
@@ -63,13 +64,14 @@ class _FrameTruth(_Part):
 
 
 class ClipTruth(_Part):
-    """What :func:`circlecal.synthetic.video.write_clip` writes beside a clip, as far as it is compared."""
+    """What :func:`circlecal.synthetic.clip_files.write_clip` writes beside a clip, as far as it is compared."""
 
     id: str
     kind: str
     width: int
     height: int
     rate: float
+    field: str = "soccer"
     pitch: _Pitch
     frames: list[_FrameTruth]
 
@@ -82,6 +84,16 @@ class ClipTruth(_Part):
         """True camera of a frame; None in a cut."""
         keys = self.frames[index].camera
         return None if keys is None else camera_from_soccernet(keys.model_dump(), self.width, self.height)
+
+    def turn_field(self) -> ClipTruth:
+        """The truth of the field turned by 180 degrees, which looks as it is."""
+        turned = [
+            frame
+            if camera is None
+            else frame.model_copy(update={"camera": CameraRow(**camera.turn_field().soccernet())})
+            for frame, camera in zip(self.frames, map(self.camera, range(len(self.frames))), strict=True)
+        ]
+        return self.model_copy(update={"frames": turned})
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,14 +174,14 @@ def render_and_track(
     Parameters
     ----------
     kinds, count, seed, spec : sequence, int, int, ClipSpec
-        As for :func:`circlecal.synthetic.video.write_clips`; all kinds where there are none.
+        As for :func:`circlecal.synthetic.clip_files.write_clips`; all kinds where there are none.
     config : Config
         Options of tracking.
     advance : callable
         Called after each clip.
     """
     with tempfile.TemporaryDirectory(prefix="circlecal-bench-") as name:
-        write_clips(Path(name), count, seed, spec, kinds or CLIP_KINDS)
+        write_clips(Path(name), count, seed, spec, kinds)
         return track_folder(Path(name), config, advance)
 
 
@@ -207,7 +219,8 @@ def track_folder(folder: Path, config: Config, advance: Callable[[str], None] = 
     cv2.setNumThreads(1)
     rows = []
     for path, truth in clips_of(folder):
-        frames, spent = _track(Video.open(path, path.stem), config)
+        suited = config if truth.field == config.field.template else suit_config(config, truth.field)
+        frames, spent = _track(Video.open(path, path.stem), suited)
         rows.append(compare(frames, truth, spent))
         advance(path.stem)
     return rows
@@ -260,8 +273,9 @@ class _Compared:
 
 
 def compare(frames: Sequence[TrackedFrame], truth: ClipTruth, spent: ClipTime) -> TrackRow:
-    """Compare the frames of a clip with their truth."""
+    """Compare the frames of a clip with their truth; a field that is turned by 180 degrees is the same one."""
     answers = {frame.index: frame for frame in frames if frame.status == "calibrated" and frame.view is not None}
+    truth = truth.turn_field() if _are_turned(answers, truth) else truth
     main = [k for k, frame in enumerate(truth.frames) if frame.shot == "main"]
     compared = {k: _compare(answers[k], truth, k) for k in main if k in answers}
     errors = np.array([found.error_px for found in compared.values()])
@@ -286,6 +300,17 @@ def compare(frames: Sequence[TrackedFrame], truth: ClipTruth, spent: ClipTime) -
         found_again=tuple(_count_until_good(kinds, compared)),
         time=spent,
     )
+
+
+def _are_turned(answers: Mapping[int, TrackedFrame], truth: ClipTruth) -> bool:
+    """Whether the first answered frame of the main camera has it on the other side of the middle of the field."""
+    for index, frame in sorted(answers.items()):
+        camera = truth.camera(index) if index < len(truth.frames) and truth.frames[index].shot == "main" else None
+        if camera is not None and frame.view is not None and isinstance(frame.view.camera, Camera):
+            found = frame.view.camera.position_m
+            away, turned = (np.linalg.norm(found - c.position_m) for c in (camera, camera.turn_field()))
+            return bool(turned < away)
+    return False
 
 
 def _compare(frame: TrackedFrame, truth: ClipTruth, index: int) -> _Compared:
@@ -348,7 +373,7 @@ def _percentile(values: Array, share: float) -> float:
     return float(np.percentile(values, share)) if len(values) else float("nan")
 
 
-def spec_of(width: int, seconds: float, rate: float) -> ClipSpec:
-    """What clips of a width, 16:9, a length and a rate are to show; all else is that of :class:`ClipSpec`."""
+def spec_of(width: int, seconds: float, rate: float, look: str) -> ClipSpec:
+    """What clips of a width, 16:9, a length, a rate and a look are to show; all else is that of :class:`ClipSpec`."""
     height = round(width * 9 / 32) * 2
-    return replace(ClipSpec(), width=width, height=height, seconds=seconds, rate=rate)
+    return replace(ClipSpec(), width=width, height=height, seconds=seconds, rate=rate, look=look)
