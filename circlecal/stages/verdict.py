@@ -76,14 +76,15 @@ class VerdictConfig(BaseModel):
         64.0,
         gt=0,
         description="Largest predicted error of the field around the circle, or around what is seen instead of it, "
-        "pixels at 1920 px width; smaller where a refused frame is better than one that is known roughly. Of frames "
-        "that `circlecal track` answers half of it, on all of the pitch that is in view.",
+        "pixels at 1920 px width; smaller where a refused frame is better than one that is known roughly. Frames "
+        "that `circlecal track` answers may have 32 or half of it, on all of the pitch that is in view.",
     )
     max_mean_sigma_px: float = Field(
         24.0,
         gt=0,
         description="Largest mean of the predicted error there, pixels at 1920 px width: of right answers to real "
-        "frames at most 20.8, of a rendered one that is 36 px off 28. Of frames that are tracked a third of it.",
+        "frames at most 20.8, of a rendered one that is 36 px off 28. Frames that are tracked may have 8 or a third "
+        "of it.",
     )
     max_other_size_share: float = Field(
         0.04,

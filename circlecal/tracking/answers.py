@@ -35,12 +35,14 @@ FAR = 10**6
 """Frames to a confirmed one where there is none."""
 GRID_M = 5.0
 """Step of the grid over the pitch on which standard deviations are taken."""
-LARGEST_SHARE, MEAN_SHARE = 1 / 2, 1 / 3
-"""Of the largest and the mean standard deviation that a frame alone may have, those of a frame with its tripod, which
-are taken over all that is seen of the pitch: 32 and 8 px by default. A camera that stands still before circle and near
-touchline leaves the width of its pitch open: 13 px in a corner of the picture, 5 on average, and the error is 1 px.
-Before a pitch of 110 by 89 m these are 42 and 9 px, and the mean error is 9 px, in a corner 47.
+LARGEST_SIGMA_PX, MEAN_SIGMA_PX = 32.0, 8.0
+"""Standard deviations of an answer, anywhere on what is seen of the pitch and on average over it, pixels at 1920 px
+width, that are usual limits: half and a third of those of a frame alone. A camera that stands still before circle and
+near touchline leaves the width of its pitch open: 13 px in a corner of the picture, 5 on average, and its error is
+1 px. Before a pitch of 110 by 89 m these are 42 and 9 px, and the mean error is 9 px, in a corner 47.
 """
+LARGEST_SHARE, MEAN_SHARE = 1 / 2, 1 / 3
+"""Of the limits of a frame alone, where these were raised so far that it is more than the usual ones."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,8 +56,12 @@ class SigmaLimits:
 
     @classmethod
     def of(cls, config: VerdictConfig) -> SigmaLimits:
-        """Those that follow from the limits of single frames."""
-        return cls(LARGEST_SHARE * config.max_sigma_px, MEAN_SHARE * config.max_mean_sigma_px)
+        """Those that follow from the limits of frames alone, which hold where they are lower than the usual ones."""
+        largest_px, mean_px = config.max_sigma_px, config.max_mean_sigma_px
+        return cls(
+            min(largest_px, max(LARGEST_SIGMA_PX, LARGEST_SHARE * largest_px)),
+            min(mean_px, max(MEAN_SIGMA_PX, MEAN_SHARE * mean_px)),
+        )
 
 
 def answer_shot(entries: list[Entry], count: int, limits: SigmaLimits) -> Iterator[TrackedFrame]:

@@ -85,15 +85,23 @@ def test_a_frame_between_others_whose_paint_is_in_place_is_refused_where_none_is
     assert [frame.code for frame in answer_shot(entries, 3, LIMITS)] == ["paint_missing"] * 3
 
 
-def test_the_limits_are_those_of_the_configuration() -> None:
+def test_the_limits_follow_those_of_the_configuration() -> None:
+    def limits(largest_px: float, mean_px: float) -> tuple[float, float]:
+        options = {"verdict.max_sigma_px": largest_px, "verdict.max_mean_sigma_px": mean_px}
+        found = SigmaLimits.of(load_config(None, options).verdict)
+        return found.largest_px, found.mean_px
+
+    assert (LIMITS.largest_px, LIMITS.mean_px) == (32.0, 8.0)
+    assert limits(20.0, 5.0) == (20.0, 5.0)
+    assert limits(100.0, 30.0) == (50.0, 10.0)
+
     entries = _entries([0] * 3)
-    (sigma_px,) = {frame.sigma_px for frame in list(answer_shot(entries, 3, LIMITS))[1:2]}
+    sigma_px = list(answer_shot(entries, 3, LIMITS))[1].sigma_px
     assert sigma_px is not None
 
-    def codes(max_sigma_px: float) -> set[str | None]:
-        config = load_config(None, {"verdict.max_sigma_px": max_sigma_px}).verdict
-        return {frame.code for frame in answer_shot(entries, 3, SigmaLimits.of(config))}
+    def codes(largest_px: float) -> set[str | None]:
+        return {frame.code for frame in answer_shot(entries, 3, replace(LIMITS, largest_px=largest_px))}
 
     unit = SIZE[0] / 1920.0
-    assert codes(2.2 * sigma_px / unit) == {None}
-    assert codes(1.8 * sigma_px / unit) == {"too_uncertain"}
+    assert codes(1.1 * sigma_px / unit) == {None}
+    assert codes(0.9 * sigma_px / unit) == {"too_uncertain"}
