@@ -267,8 +267,12 @@ def half_chords(conic: Array, points: Array, directions: Array) -> Array:
 
 
 def _line_contrast(seen: _Rectified) -> float:
-    """Usual brightness of the halfway line over the surface beside it; where most of it is worn, that of the rest."""
+    """Usual brightness of the halfway line over the surface beside it; where most of it is worn, that of the rest; 0
+    where the picture shows no surface beside it.
+    """
     outer, paint = np.abs(seen.across) > 2.0 * seen.half_px[1] + 2.0, np.abs(seen.across) <= _LINE_PX
+    if not outer.any():
+        return 0.0
     ground = float(np.median(seen.usual[outer]))
     usual = float(seen.usual[paint].max()) - ground
     left = float(np.quantile(seen.values[:, paint] + seen.usual[paint], _UNWORN, axis=0).max()) - ground

@@ -81,6 +81,18 @@ def test_a_mark_whose_one_half_the_picture_does_not_show_is_told_by_the_other():
     assert found.point_px == pytest.approx((MIDDLE[0], MIDDLE[1] + 0.15), abs=0.1)
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_no_mark_is_told_where_the_picture_shows_no_ground_beside_the_line():
+    """A strip of the picture from 17 px left to 4 px right of the line's middle, of which the disc takes 9 px."""
+    left = int(MIDDLE[0]) - 17
+    strip = np.ascontiguousarray(paint_mark((0.0, 0.0))[:, left : int(MIDDLE[0]) + 5])
+    middle = MIDDLE - (left, 0.0)
+    points = middle + np.stack([np.zeros(90), np.linspace(-0.98, 0.98, 90) * AXES_PX[1]], axis=-1)
+    conic = conic_from_ellipse(Ellipse(middle, tuple(AXES_PX), 0.0))
+    line = np.array([1.0, 0.0, -middle[0]])
+    assert find_centre_mark(strip, line, points, conic, 2.0 * RADIUS, WIDTH, BLUR_PX, (-0.2, 0.2), 4.0) is None
+
+
 def test_a_mark_lies_on_the_line_beyond_its_measured_points():
     """The line bends by 6 px, and is measured no further than 20 px before the mark."""
     along = np.linspace(0.22, 0.98, 40)
