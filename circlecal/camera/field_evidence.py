@@ -55,11 +55,9 @@ def log_evidence(world: World, problem: Problem, state: State, template: FieldTe
     """
     active = active_parameters(problem.priors.sd)
     block = state.normal[0][active[:, None], active]
-    scale = np.sqrt(np.maximum(np.diag(block), 1e-300))
-    _, determinant = np.linalg.slogdet(block / np.outer(scale, scale))
     sd = problem.priors.sd[SIZES_AND_CROWN]
     proper = (sd > 0) & np.isfinite(sd)
-    volume = 0.5 * determinant + np.log(scale).sum() + np.log(sd[proper]).sum()
+    volume = half_log_determinant(block) + np.log(sd[proper]).sum()
     upright_px = problem.points.upright_px
     noise = 0.0 if upright_px is None else float(np.log(upright_px).sum())
     evidence = -0.5 * float(state.cost[0]) - volume - noise + np.log(world.share)
@@ -68,6 +66,13 @@ def log_evidence(world: World, problem: Problem, state: State, template: FieldTe
     size = 0.0 if world.is_usual_size else _log_share_of_sizes(theta, covariance, template)
     reach = _log_agreement_with_reach(problem, state, covariance, template)
     return float(evidence) + place + size + reach - _log_evidence_of_others(problem, state, known)
+
+
+def half_log_determinant(matrix: Array) -> float:
+    """Half the logarithm of the determinant of a normal matrix of quantities of very different size."""
+    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    _, determinant = np.linalg.slogdet(matrix / np.outer(scale, scale))
+    return float(0.5 * determinant + np.log(scale).sum())
 
 
 def _log_share_of_sizes(theta: Array, covariance: Array, template: FieldTemplate) -> float:

@@ -95,11 +95,18 @@ def shares_of_sizes(usual_share: float, other_length_share: float, problem: Prob
     problem : Problem
         What was seen: where nothing of it tells the length of the field, fields that have the usual width are one kind.
     """
-    other_length = (1.0 - usual_share) * other_length_share
-    any_size = 1.0 - usual_share - other_length
+    shares = shares_of_all_sizes(usual_share, other_length_share)
     if not depends_on_length(problem):
-        return {"usual": 1.0 - any_size, "any": any_size}
-    return {"usual": usual_share, "other_length": other_length, "any": any_size}
+        return {"usual": 1.0 - shares["any"], "any": shares["any"]}
+    return shares
+
+
+def shares_of_all_sizes(usual_share: float, other_length_share: float) -> dict[Size, float]:
+    """Shares of fields by their size, the usual one first, where what is seen tells the length of a field too; the
+    parameters are those of :func:`shares_of_sizes`.
+    """
+    other_length = (1.0 - usual_share) * other_length_share
+    return {"usual": usual_share, "other_length": other_length, "any": 1.0 - usual_share - other_length}
 
 
 def depends_on_length(problem: Problem) -> bool:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtri
 
+from circlecal.camera.field_evidence import half_log_determinant
 from circlecal.camera.noise import rescale_sigmas
 from circlecal.camera.observed import NoiseModel, curves_from_observations, points_from_observations
 from circlecal.camera.options import priors_of, relief_of
@@ -15,6 +16,7 @@ from circlecal.camera.priors import SharedPrior, SharedPriorConfig
 from circlecal.camera.problem import WIDE_LOSS, Problem, evaluate
 from circlecal.camera.residuals import curve_residuals, line_curve, sample_feet
 from circlecal.camera.rig_options import RigConfig
+from circlecal.camera.spike_and_slab import shares_of_all_sizes
 from circlecal.camera.world import BREADTH, FLAT_RELIEF_SHARE, FLAT_SD_M, LENGTH, Size, World
 from circlecal.config import Config
 from circlecal.field import Circle, FieldTemplate
@@ -225,9 +227,7 @@ def _possible_sizes(thetas: Array, template: FieldTemplate, config: Config) -> d
     """
     usual_sd = np.array([template.length_sd_m, template.width_sd_m])
     is_other = (np.abs(thetas[:, [LENGTH, BREADTH]]) > UNUSUAL_SIGMAS * usual_sd).any(axis=1)
-    others = 1.0 - config.camera.usual_size_share
-    other_length = others * config.camera.other_length_share
-    shares: dict[Size, float] = {"usual": 1.0 - others, "other_length": other_length, "any": others - other_length}
+    shares = shares_of_all_sizes(config.camera.usual_size_share, config.camera.other_length_share)
     possible = {size: share for size, share in shares.items() if share > 0.0}
     return possible if np.mean(is_other) >= UNUSUAL_SHARE else {"usual": 1.0}
 
@@ -243,11 +243,9 @@ def _log_evidence(rig: Rig, cameras: Mapping[str, Array], config: Config) -> flo
     alone = sum(_cost_alone(p, cameras[name]) for p, name in zip(problem.frames, rig.used, strict=True))
     worse = float(state.cost[0]) - alone + len(rig.left_out) * config.rig.maximum_chi_square_increase
     precision, _ = frame_information(state)
-    whole = state.H_common + precision.sum(axis=0)
-    scale = np.sqrt(np.maximum(np.diag(whole), 1e-300))
-    _, determinant = np.linalg.slogdet(whole / np.outer(scale, scale))
     sd = problem.priors.sd[[LENGTH, BREADTH]]
-    volume = 0.5 * determinant + np.log(scale).sum() + np.log(sd[(sd > 0) & np.isfinite(sd)]).sum()
+    volume = half_log_determinant(state.H_common + precision.sum(axis=0))
+    volume += np.log(sd[(sd > 0) & np.isfinite(sd)]).sum()
     return float(-0.5 * worse - volume)
 
 

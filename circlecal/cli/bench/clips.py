@@ -10,6 +10,7 @@ import typer
 
 from circlecal.cli import options
 from circlecal.cli.bench.tables import Json, Seed, format_figure, print_record, print_rows, split_names
+from circlecal.cli.synth import Profile
 
 if TYPE_CHECKING:
     from circlecal.evaluation.bench.track import TrackRow
@@ -27,8 +28,9 @@ def track(
     rate: Annotated[float, typer.Option(min=1.0, max=120.0, help="Frames per second.")] = 25.0,
     width: Annotated[int, typer.Option(min=320, max=3840, help="Width of the frames, 16:9.")] = 1280,
     profile: Annotated[
-        str, typer.Option(metavar="NAME", help="Look of the clips, as of circlecal synth; court, ice: other sports.")
-    ] = "broadcast",
+        Profile,
+        typer.Option(metavar="NAME", help="Look of the clips, as of circlecal synth; court, ice: other sports."),
+    ] = Profile.BROADCAST,
     seed: Seed = 0,
     config: options.ConfigFile = None,
     settings: options.Settings = None,
@@ -39,16 +41,14 @@ def track(
 
     from circlecal.cli.console import count_steps
     from circlecal.evaluation.bench.track import clips_of, render_and_track, spec_of, track_folder
-    from circlecal.synthetic.sampling import SCENE_PROFILES
     from circlecal.synthetic.video import CLIP_KINDS
 
-    look = split_names(profile, "--profile", SCENE_PROFILES)[0]
     wanted = split_names(kinds, "--kinds", CLIP_KINDS)
     chosen = options.choose_config(config, settings)
     known = [name for name in CLIP_KINDS if name in wanted]
     with count_steps("clip", count if path is None else len(clips_of(path))) as advance:
         if path is None:
-            found = render_and_track(known, count, seed, spec_of(width, seconds, rate, look), chosen, advance)
+            found = render_and_track(known, count, seed, spec_of(width, seconds, rate, profile.value), chosen, advance)
         else:
             found = track_folder(path, chosen, advance)
     if as_json:

@@ -105,3 +105,9 @@ def test_it_renders_tracks_and_prints(run_circlecal):
     assert outcome.code == 0, outcome.err
     assert "still_00000" in outcome.out and "x decoding" in outcome.out
     assert run_circlecal("bench", "track", "--kinds", "dance").code == 2
+
+
+@pytest.mark.parametrize("profile", ["", "snow", "rink,court"])
+def test_a_wrong_look_of_clips_is_one_line(run_circlecal, profile):
+    outcome = run_circlecal("bench", "track", "--profile", profile)
+    assert outcome.code == 2 and "--profile" in outcome.err and outcome.err.count("\n") == 1
