@@ -8,6 +8,7 @@ length over the reference. Principal point and first radial coefficient are line
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -200,6 +201,33 @@ class TripodModel:
 
 
 @dataclass(frozen=True, slots=True)
+class PaintersShare:
+    """What is open of a tripod's parameters by painters' errors, which all its frames have in common, and by all else.
+
+    Attributes
+    ----------
+    covariance : (K, K) array
+        Of the parameters if painters made no errors.
+    by_errors : mapping of str to (K,) array
+        How the parameters follow each error of one standard deviation, by its name.
+    """
+
+    covariance: Array
+    by_errors: Mapping[str, Array]
+
+    @property
+    def whole(self) -> Array:
+        """Covariance (K, K) of the parameters with painters' errors."""
+        follows = np.stack([np.zeros(len(COMMON)), *self.by_errors.values()], axis=1)
+        return np.asarray(self.covariance + follows @ follows.T)
+
+    def resize(self, unit: Array) -> PaintersShare:
+        """The share where each parameter (K,) is so many times as large."""
+        by_errors = {name: values * unit for name, values in self.by_errors.items()}
+        return PaintersShare(self.covariance * np.outer(unit, unit), by_errors)
+
+
+@dataclass(frozen=True, slots=True)
 class TripodEstimate:
     """A camera on its tripod as frames have determined it, with its pitch.
 
@@ -219,6 +247,9 @@ class TripodEstimate:
         Least and greatest logarithm of the focal length, pan and tilt among the frames: where it is known.
     used, left_out : tuples of str
         Frames that determined it, and frames of a false calibration.
+    painters : PaintersShare, optional
+        What is open of the parameters where painters' errors are told apart; None where painters make none, or they are
+        not told apart.
     """
 
     name: str
@@ -231,6 +262,12 @@ class TripodEstimate:
     head_high: Array
     used: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
+    painters: PaintersShare | None = None
+
+    @property
+    def told_covariance(self) -> Array:
+        """Covariance (K, K) of the parameters with what painters' errors leave open of them, where these are known."""
+        return self.covariance if self.painters is None else self.painters.whole
 
     @property
     def model(self) -> TripodModel:
@@ -260,9 +297,12 @@ class TripodEstimate:
             covariance=self.covariance * np.outer(unit, unit),
             head_low=self.head_low + shift,
             head_high=self.head_high + shift,
+            painters=None if self.painters is None else self.painters.resize(unit),
         )
 
-    def view(self, own: Array, own_covariance: Array, cross: Array | None = None) -> FieldView:
+    def view(
+        self, own: Array, own_covariance: Array, cross: Array | None = None, by_errors: Array | None = None
+    ) -> FieldView:
         """What a frame sees.
 
         Parameters
@@ -273,12 +313,19 @@ class TripodEstimate:
             Their covariance where the tripod is known exactly.
         cross : (3, K) array, optional
             How they follow the common parameters; 0 without.
+        by_errors : (3 + K, E) array, optional
+            How they follow painters' errors of one standard deviation where the common parameters are known, and how
+            these follow them; nothing follows them without.
         """
         model = self.model
         theta, by_own, by_common = model.linearise_one(own, self.mean)
         if cross is not None:
             by_common = by_common + by_own @ cross
-        covariance = by_own @ own_covariance @ by_own.T + by_common @ self.covariance @ by_common.T
+        shared = self.covariance if by_errors is None or self.painters is None else self.painters.covariance
+        covariance = by_own @ own_covariance @ by_own.T + by_common @ shared @ by_common.T
+        if by_errors is not None:
+            moved = np.concatenate([by_own, by_common], axis=1) @ by_errors
+            covariance = covariance + moved @ moved.T
         surface = replace(self.surface, crown_m=float(theta[CROWN]))
         return FieldView(camera_of(theta, model.projection), surface, self.growth_m.copy(), covariance)
 

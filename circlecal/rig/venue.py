@@ -23,7 +23,7 @@ from circlecal.geometry.homography import SIDES
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import Surface, SurfaceShape
 from circlecal.results.numbers import show_with_sigma
-from circlecal.rig.tripod import COMMON, PLACE, TripodEstimate, Venue
+from circlecal.rig.tripod import COMMON, PLACE, PaintersShare, TripodEstimate, Venue
 from circlecal.yaml_text import YamlError, dump_yaml, read_yaml
 
 VENUE_NAME = "venue.yaml"
@@ -81,6 +81,38 @@ class Range(_Part):
     focal_px: tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]]
 
 
+class PaintersPart(_Part):
+    """Covariance of the parameters if painters made no errors, its rows up to the diagonal, and how the parameters
+    follow each painters' error of one standard deviation, in the units and in the order of the parameters.
+    """
+
+    covariance: list[list[Finite]]
+    by_errors: dict[str, list[Finite]]
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        count = len(FILE_NAMES)
+        if [len(row) for row in self.covariance] != list(range(1, count + 1)):
+            raise ValueError(f"covariance needs {count} rows with 1 to {count} numbers")
+        for name, values in self.by_errors.items():
+            if len(values) != count:
+                raise ValueError(f"by_errors.{name} needs {count} numbers")
+        return self
+
+    @classmethod
+    def of(cls, share: PaintersShare) -> Self:
+        """What the file has of a tripod's share."""
+        rows = [row[: k + 1] for k, row in enumerate(share.covariance.tolist())]
+        return cls(covariance=rows, by_errors={name: values.tolist() for name, values in share.by_errors.items()})
+
+    def share(self) -> PaintersShare:
+        """The share of a tripod."""
+        covariance = np.zeros((len(FILE_NAMES), len(FILE_NAMES)))
+        for k, row in enumerate(self.covariance):
+            covariance[k, : k + 1] = covariance[: k + 1, k] = row
+        return PaintersShare(covariance, {name: np.array(values) for name, values in self.by_errors.items()})
+
+
 class TripodPart(_Part):
     """One camera."""
 
@@ -90,6 +122,7 @@ class TripodPart(_Part):
     surface: SurfacePart
     parameters: dict[str, KnownValue]
     correlation: list[list[Annotated[float, Field(ge=-1.0, le=1.0)]]] = []
+    painters: PaintersPart | None = None
     range: Range
     frames: list[str] = []
     left_out: list[str] = []
@@ -134,6 +167,7 @@ class TripodPart(_Part):
             head_high=high,
             used=tuple(self.frames),
             left_out=tuple(self.left_out),
+            painters=None if self.painters is None else self.painters.share(),
         )
 
     @classmethod
@@ -154,6 +188,7 @@ class TripodPart(_Part):
                 name: KnownValue(mean=m, sd=s) for name, m, s in zip(FILE_NAMES, mean, sd.tolist(), strict=True)
             },
             correlation=[correlation[row, :row].tolist() for row in range(1, len(FILE_NAMES))],
+            painters=None if tripod.painters is None else PaintersPart.of(tripod.painters),
             range=Range(pan_deg=pan, tilt_deg=tilt, focal_px=(float(np.exp(low[0])), float(np.exp(high[0])))),
             frames=list(tripod.used),
             left_out=list(tripod.left_out),
@@ -297,12 +332,12 @@ def prior_of_tripod(tripod: TripodEstimate) -> SharedPrior:
     heads = np.stack(np.meshgrid([tripod.log_focal], pan, tilt, indexing="ij"), axis=-1).reshape(-1, 3)
     thetas = tripod.model.thetas(heads, tripod.mean)
     mapping = tripod.model.derivatives(heads, tripod.mean)[1].mean(axis=0)
-    variance = np.diag(mapping @ tripod.covariance @ mapping.T) + thetas.var(axis=0)
+    variance = np.diag(mapping @ tripod.told_covariance @ mapping.T) + thetas.var(axis=0)
     names = tuple(name for name in SHARED if variance[INDEX[name]] > 0)
     zoomed = tuple(name for name in ZOOMED if name in names)
     at, slopes = [INDEX[name] for name in names], [PLACE[f"{name}_by_zoom"] for name in zoomed]
     both = np.concatenate([mapping[at], np.eye(len(tripod.mean))[slopes]])
-    covariance = both @ tripod.covariance @ both.T
+    covariance = both @ tripod.told_covariance @ both.T
     covariance[np.diag_indices_from(covariance)] += _LEAST_SD**2
     return SharedPrior(
         parameters=names,
@@ -325,8 +360,11 @@ def _facts(content: VenueFile) -> list[str]:
     """What a person wants to know of each camera, as comments."""
 
     def describe(tripod: TripodPart, name: str, factor: float = 1.0) -> str:
-        value = tripod.parameters[name]
-        return show_with_sigma(factor * value.mean, factor * value.sd)
+        mean, sd = tripod.parameters[name].mean, tripod.parameters[name].sd
+        if tripod.painters is not None:
+            at = FILE_NAMES.index(name)
+            sd = float(np.sqrt(tripod.painters.share().whole[at, at]))
+        return show_with_sigma(factor * mean, factor * sd)
 
     lines = []
     for tripod in content.tripods:

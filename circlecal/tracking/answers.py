@@ -78,7 +78,7 @@ def answer_shot(entries: list[Entry], count: int, limits: SigmaLimits) -> Iterat
             if entry.motion is not None:
                 changes[j] = entry.motion.change
                 precision[j] = np.linalg.inv(entry.motion.covariance + np.diag(np.square(DRIFT_SD)))
-        pull = np.array([np.zeros((3, len(COMMON))) if e.pull is None else e.pull for e in part])
+        pull = np.array([_pull_of(entry) for entry in part])
         information, toward = np.array([e.information for e in part]), np.array([e.toward for e in part])
         found = smooth_robustly(heads, information, toward, changes, precision, pull, _spread_of(part))
         by_common = np.zeros_like(pull) if found.by_common is None else found.by_common
@@ -87,6 +87,13 @@ def answer_shot(entries: list[Entry], count: int, limits: SigmaLimits) -> Iterat
     support = _count_to_confirmation(entries)
     for k, entry in enumerate(entries[:count]):
         yield _refusal(entry, "lost") if k not in smoothed else _answer_frame(entry, *smoothed[k], support[k], limits)
+
+
+def _pull_of(entry: Entry) -> Array:
+    """How the paint of a tracked frame pulls its head along with common parameters and painters' errors (3, K + E)."""
+    errors = 0 if entry.place is None else entry.place.by_errors.shape[1]
+    pulls = (entry.pull, len(COMMON)), (entry.pull_by_errors, errors)
+    return np.concatenate([np.zeros((3, count)) if pull is None else pull for pull, count in pulls], axis=1)
 
 
 def _chains(entries: list[Entry], tracked: list[int]) -> list[list[int]]:
@@ -146,7 +153,8 @@ def _answer_frame(
     if place is None:
         return _refusal(entry, "lost")
     tripod = place.tripod
-    view = tripod.view(values, covariance, by_common)
+    by_head = by_common[:, : len(COMMON)]
+    view = tripod.view(values, covariance, by_head)
     largest_px, mean_px, largest_m = _visible_sigmas(view, place)
     sigmas = (
         Check.of("sigma_px", largest_px, limits.largest_px * place.unit),
@@ -158,6 +166,11 @@ def _answer_frame(
         Check("frames_to_confirmed", float(support), FOLLOWED_FRAMES, support <= FOLLOWED_FRAMES),
         *sigmas,
     )
+    if place.by_errors.shape[1]:
+        # painters' errors are told, and refuse nothing: no picture tells them, and the limits are those of noise
+        follows = np.concatenate([by_common[:, len(COMMON) :], place.by_errors])
+        view = tripod.view(values, covariance, by_head, follows)
+        largest_px, _, largest_m = _visible_sigmas(view, place)
     head = Head(float(values[1]), float(values[2]), float(values[0]), covariance)
     frame = TrackedFrame(
         entry.index, entry.time_s, entry.size, entry.shot, tripod.name, "calibrated", None, None, view, head,

@@ -54,12 +54,14 @@ class Entry:
     """How far the paint is off its markings, and how far it should be (2,), as a fit to it has them."""
     pull: Array | None = None
     """How the paint pulls the head along with the common parameters (3, K); None where it says nothing."""
+    pull_by_errors: Array | None = None
+    """How it pulls the head along with painters' errors (3, E); None where it says nothing."""
 
     def forget(self, shot: int) -> None:
         """Take back where the camera was thought to be: the frame begins another shot, and is lost so far."""
         self.shot, self.place, self.motion = shot, None, None
         self.information, self.toward, self.by_common = np.zeros((3, 3)), np.zeros(3), None
-        self.pull, self.spread = None, np.zeros(2)
+        self.pull, self.pull_by_errors, self.spread = None, None, np.zeros(2)
         self.is_confirmed, self.is_in_place, self.is_contradicted, self.missing = False, False, False, 0
 
     def take(self, look: Look, expected: Array, covariance: Array, is_followed: bool) -> None:
@@ -75,6 +77,9 @@ class Entry:
             self.information = fit.information
             self.toward = np.asarray(np.linalg.solve(covariance, fit.head - expected))
             self.by_common, self.pull, self.spread = fit.by_common, fit.pull, fit.spread
+            if self.place is not None:
+                self.pull_by_errors, left = self.place.follow_errors(look)
+                self.spread = self.spread + np.array([0.0, left])
         else:
             self.head = expected
         on_circles = 0 if self.place is None else int(measured.painted[self.place.drawn.is_circle].sum())

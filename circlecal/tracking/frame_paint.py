@@ -123,6 +123,10 @@ class FramePaint:
         """What the Geman-McClure loss leaves of the squares (M,); its own square is the weight of a place."""
         return np.asarray(1.0 / (1.0 + (self.away / self.sigma) ** 2 / loss_scale**2))
 
+    def weights(self, loss_scale: float) -> Array:
+        """With which each place (M,) counts, per square pixel."""
+        return np.asarray(self.shares(loss_scale) ** 2 / self.sigma**2)
+
     def cost(self, loss_scale: float) -> float:
         """Of the distances."""
         return float(((self.away / self.sigma) ** 2 * self.shares(loss_scale)).sum())
@@ -137,7 +141,7 @@ class FramePaint:
         """Weighted sums over the places in each part of the field, by the number (M,) of its part: of the distances
         (count,), of the weights (count,), and of the derivatives by head (count, 3) and common parameters (count, K).
         """
-        weight = self.shares(loss_scale) ** 2 / self.sigma**2
+        weight = self.weights(loss_scale)
         away, size = (np.asarray(np.bincount(part, v, count), np.float64) for v in (weight * self.away, weight))
         by_own, by_common = (add_by_part(part, count, weight[:, None] * rows) for rows in (self.by_own, self.by_common))
         return away, size, by_own, by_common

@@ -47,6 +47,8 @@ class HeadFit:
     spread : (2,) array
         Square of how far the paint is off, in parts of the field, and what it is taken to be: see
         :func:`compare_spread`.
+    weight : (M,) array
+        With which each place of paint counts, per square pixel.
     """
 
     head: Array
@@ -57,6 +59,7 @@ class HeadFit:
     by_head: Array
     explained: Mask
     spread: Array
+    weight: Array
 
     @property
     def inlier_share(self) -> float:
@@ -116,7 +119,7 @@ def fit_head(
     """
     if len(measured.marking) == 0:
         nothing, unmoved = np.zeros((0, 3)), np.zeros((3, len(tripod.mean)))
-        told = np.zeros((3, 3)), unmoved, unmoved, np.inf, nothing, np.zeros(0, np.bool_), np.zeros(2)
+        told = np.zeros((3, 3)), unmoved, unmoved, np.inf, nothing, np.zeros(0, np.bool_), np.zeros(2), np.zeros(0)
         return HeadFit(start.head, *told)
     unit = tripod.size[0] / 1920.0
     head, paint, known = start.head, start, prior + LEAST_INFORMATION * np.eye(3)
@@ -145,7 +148,7 @@ def fit_head(
     rms = float(np.sqrt((weight * away**2).sum() / max(weight.sum(), 1e-9)))
     spread = compare_spread(number_parts(measured), away, weight / sigma**2, paint.by_head, information + prior)
     pull, explained = -seen_own.T @ seen_all, np.asarray(np.abs(values) < LOSS_SCALE, np.bool_)
-    return HeadFit(head, information, by_common, pull, rms, paint.by_head, explained, spread)
+    return HeadFit(head, information, by_common, pull, rms, paint.by_head, explained, spread, weight / sigma**2)
 
 
 def compare_spread(part: Indices, away: Array, weight: Array, by_own: Array, information: Array) -> Array:

@@ -17,10 +17,18 @@ from circlecal.paint.colour import surface_colour
 from circlecal.rig.tripod import PLACE, TripodEstimate
 from circlecal.stages.mask import MaskConfig
 from circlecal.tracking.coarse_motion import coarsen
-from circlecal.tracking.frame_paint import residuals_of
-from circlecal.tracking.head_fit import HeadFit, LinearPaint, count_crossing, fit_head, follow_common
+from circlecal.tracking.frame_paint import add_by_part, number_parts, residuals_of
+from circlecal.tracking.head_fit import (
+    LEAST_INFORMATION,
+    HeadFit,
+    LinearPaint,
+    count_crossing,
+    fit_head,
+    follow_common,
+)
 from circlecal.tracking.markings import DrawnTemplate, place_markings, template_curves
 from circlecal.tracking.motion import SmallPicture
+from circlecal.tracking.painters import align_errors, move_by_errors
 from circlecal.tracking.search import GridViews, RidgePicture, map_ridges, search_heads
 from circlecal.tracking.seen_paint import MeasuredFrame, measure_markings
 
@@ -273,6 +281,30 @@ class Place:
         theta, by_own, by_all = self.tripod.model.linearise_one(head, self.tripod.mean)
         _, rows = residuals_of(measured, self.drawn, theta, self.tripod.model.projection)
         return follow_common(rows @ by_own, rows @ by_all)
+
+    @cached_property
+    def by_errors(self) -> Array:
+        """How the common parameters follow painters' errors (K, E)."""
+        return align_errors(self.tripod, self.drawn)
+
+    def follow_errors(self, look: Look) -> tuple[Array, float]:
+        """How the paint of a look pulls its head along with painters' errors (3, E), and how far these leave the paint
+        off its markings: the square of its weighted sums in parts of the field, as of :func:`compare_spread`.
+        """
+        fit, seen, tripod = look.fit, look.measured, self.tripod
+        count = self.by_errors.shape[1]
+        if count == 0 or len(seen.marking) == 0:
+            return np.zeros((len(fit.head), count)), 0.0
+        theta, _, by_all = tripod.model.linearise_one(fit.head, tripod.mean)
+        _, rows = residuals_of(seen, self.drawn, theta, tripod.model.projection)
+        errors = move_by_errors(seen, self.drawn, theta, tripod.model.projection)
+        weighted = (fit.by_head * fit.weight[:, None]).T
+        moved = errors + rows @ (by_all @ self.by_errors)
+        known = fit.information + LEAST_INFORMATION * np.eye(len(fit.head))
+        moved = moved - fit.by_head @ np.linalg.solve(known, weighted @ moved)
+        parts, at = np.unique(number_parts(seen), return_inverse=True)
+        left = add_by_part(at, len(parts), fit.weight[:, None] * moved)
+        return np.asarray(-weighted @ errors), float((left**2).sum())
 
     def is_confirmed(self, measured: MeasuredFrame, fit: HeadFit) -> bool:
         """Whether the paint that should be there is there, explained by the head, and places it."""

@@ -59,6 +59,9 @@ class DrawnTemplate:
         How much the radius of a centreline grows per metre of marking width.
     own_width_m : (K,) array
         Width of the paint of markings that have one of their own, such as the lines of a rink; 0 of all others.
+    placement_sd_m, radius_sd_m : float
+        How far painters may put each marking beside its place, along x and along y, and by how much they may draw all
+        circles and arcs of one size too large, metres.
     """
 
     names: tuple[str, ...]
@@ -71,6 +74,8 @@ class DrawnTemplate:
     last: Array
     by_width: Array
     own_width_m: Array
+    placement_sd_m: float = 0.0
+    radius_sd_m: float = 0.0
 
     def places(self, marking: Indices, share: Array, theta: Array) -> Array:
         """Points (M, 2) at a share (M,) of the way along markings (M,), metres, before they move with the field.
@@ -121,7 +126,8 @@ def _read_curves(template_json: str) -> DrawnTemplate:
     shifts[:C, 1, 0] = np.where(np.abs(center[:C, 0]) > 1.0, np.sign(center[:C, 0]) / 2.0, 0.0)
     stretches = np.array([template.growth_of(marking)[1] for marking in nodes])
     own_width_m = np.array([element.width_m or 0.0 for element in (*round_ones, *template.lines)])
-    return DrawnTemplate(names, nodes, shifts, stretches, center, radius, first, last, by_width, own_width_m)
+    painters = template.placement_sd_m, template.radius_sd_m
+    return DrawnTemplate(names, nodes, shifts, stretches, center, radius, first, last, by_width, own_width_m, *painters)
 
 
 def template_curves(template: FieldTemplate) -> DrawnTemplate:

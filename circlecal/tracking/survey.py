@@ -360,4 +360,6 @@ def _learn_beside(
     sd = np.sqrt(np.diag(known.covariance))
     precision = _loose_precision(known, sd)
     alike = count_alike(fit_tripod(frames, start, known.mean, sd, drawn, precision))
+    # the prior follows painters' errors as the known tripod does
+    start = replace(start, painters=known.painters)
     return fit_tripod(frames, start, known.mean, sd, drawn, precision, alike=alike, parts_m=PART_M)

@@ -13,9 +13,10 @@ from circlecal.field import FieldTemplate
 from circlecal.geometry.camera_parameters import INDEX, ProjectionModel
 from circlecal.geometry.projective import Array, Indices
 from circlecal.geometry.surface import Surface
-from circlecal.rig.tripod import COMMON, PLACE, TripodEstimate, TripodModel
+from circlecal.rig.tripod import COMMON, PLACE, PaintersShare, TripodEstimate, TripodModel
 from circlecal.tracking.frame_paint import MODEL_SIGMA_PX, PART_M, HeadedFrame
 from circlecal.tracking.markings import DrawnTemplate
+from circlecal.tracking.painters import align_errors, list_errors, name_errors
 from circlecal.tracking.tripod_problem import Normal, TripodProblem, TripodState
 
 LOSS_SCALE = 2.0
@@ -147,10 +148,18 @@ def fit_tripod(
     rms, clear_rms = problem.distances(at)
     # where only noise is left it may be less than it is taken to be
     is_noise = alike == 1.0 and float(np.mean(rms)) <= MODEL_SIGMA_PX * problem.unit
-    told, spread = at.normal, 1.0
+    told, spread, painters = at.normal, 1.0, None
     if len(frames) > 1 and (is_noise or parts_m is not None):
         spread = problem.measure_spread(at, LOSS_SCALE, PART_M if parts_m is None else parts_m)
         told = told.scale(1.0 / (spread if is_noise else max(spread, 1.0)))
+    if parts_m is not None and np.isfinite(parts_m) and name_errors(drawn):
+        # what earlier frames say followed the errors, what any tripod has does not
+        known = align_errors(start if prior_precision is not None else None, drawn)
+        by_errors = problem.follow_errors(at, LOSS_SCALE, known)
+        left = problem.measure_spread(at, LOSS_SCALE, parts_m, by_errors) if len(frames) > 1 else 1.0
+        apart = at.normal.scale(1.0 / (left if is_noise else max(left, 1.0)))
+        covariance = _tell_covariance(problem, at, apart, sd, is_width_free)
+        painters = PaintersShare(covariance, list_errors(by_errors, drawn))
     estimate = replace(
         start,
         surface=replace(start.surface, crown_m=float(at.common[PLACE["crown"]])),
@@ -159,6 +168,7 @@ def fit_tripod(
         head_low=at.heads.min(axis=0),
         head_high=at.heads.max(axis=0),
         used=tuple(frame.name for frame in frames),
+        painters=painters,
     )
     return TripodFit(estimate, at.heads, rms, clear_rms, problem.cost(at), max(spread, 1.0))
 

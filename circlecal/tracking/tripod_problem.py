@@ -13,8 +13,17 @@ import numpy as np
 
 from circlecal.geometry.projective import Array, Indices
 from circlecal.rig.tripod import COMMON, TripodEstimate, TripodModel
-from circlecal.tracking.frame_paint import FramePaint, HeadedFrame, number_parts, residuals_of, rms_distances, sigmas_of
+from circlecal.tracking.frame_paint import (
+    FramePaint,
+    HeadedFrame,
+    add_by_part,
+    number_parts,
+    residuals_of,
+    rms_distances,
+    sigmas_of,
+)
 from circlecal.tracking.markings import DrawnTemplate
+from circlecal.tracking.painters import move_by_errors
 
 ITERATIONS = 15
 ARRIVED = 1e-4
@@ -183,6 +192,32 @@ class TripodProblem:
         """Covariance of the parameters that are estimated, from a common block (K, K) without the frames' own ones."""
         return inverse_of_normal(reduced[np.ix_(self.free, self.free)])
 
+    def move_by_errors(self, at: TripodState, loss_scale: float, by_errors: Array) -> Iterator[Array]:
+        """By how much painters' errors move the distances of each frame's paint (M, E), after the common parameters
+        have followed them by ``by_errors`` (K, E) and the frame's head as its paint has it.
+        """
+        theta = self.model.thetas(at.heads, at.common)
+        for k, paint in enumerate(self.paint(at.heads, at.common)):
+            errors = move_by_errors(self.frames[k].measured, self.drawn, theta[k], self.model.projection)
+            moved = errors + paint.by_common @ by_errors
+            toward = (paint.weights(loss_scale)[:, None] * paint.by_own).T @ moved
+            yield moved - paint.by_own @ np.linalg.solve(at.normal.H_oo[k] + 1e-6 * np.eye(3), toward)
+
+    def follow_errors(self, at: TripodState, loss_scale: float, known: Array) -> Array:
+        """How the common parameters follow painters' errors (K, E), where the prior's mean follows them by ``known``.
+
+        With the blocks of :class:`Normal`, a prior's information N, and the distances R e of the paint after the heads
+        have followed the errors, they move by ``-(H_cc + N - sum H_co H_oo^-1 H_oc)^-1 (sum J_c^T w R - N known)``.
+        """
+        reduced, _ = at.normal.eliminate(self.precision)
+        toward = -self.precision @ known
+        moved = self.move_by_errors(at, loss_scale, np.zeros_like(known))
+        for paint, by_errors in zip(self.paint(at.heads, at.common), moved, strict=True):
+            toward += (paint.weights(loss_scale)[:, None] * paint.by_common).T @ by_errors
+        follows = np.zeros_like(known)
+        follows[self.free] = -self.invert(reduced) @ toward[self.free]
+        return follows
+
     def distances(self, at: TripodState) -> tuple[Array, Array]:
         """Root mean square distances (F,), (F,) of the frames' paint: see
         :func:`circlecal.tracking.frame_paint.rms_distances`.
@@ -194,12 +229,16 @@ class TripodProblem:
         rms, clear = np.array(found).reshape(-1, 2).T
         return rms, clear
 
-    def measure_spread(self, at: TripodState, loss_scale: float, part_m: float) -> float:
+    def measure_spread(
+        self, at: TripodState, loss_scale: float, part_m: float, by_errors: Array | None = None
+    ) -> float:
         """Variance of the paint about its markings, as a share of what it is taken to have.
 
         Within a part of the field the distances need not be independent of each other, so each part counts with their
         weighted sum, over all frames: with ``a`` the weights and ``J`` the derivatives of the weighted distances ``r``,
         ``(a . r)^2`` has the mean ``|a|^2 - a^T J (J^T J)^-1 J^T a`` where all variances are as they are taken to be.
+        What painters' errors leave of the distances, when the common parameters follow them by ``by_errors`` (K, E), is
+        expected beside that, and is no such spread.
         """
         numbers = [number_parts(frame.measured, part_m) for frame in self.frames]
         parts, part = np.unique(np.concatenate(numbers), return_inverse=True)
@@ -216,8 +255,24 @@ class TripodProblem:
             shared += by_common - by_own @ solved[k, :, :-1]
         explained += float(np.einsum("ci,ij,cj->", shared[:, self.free], self.invert(reduced), shared[:, self.free]))
         as_taken = size.sum() / len(self.frames)  # one frame's, so that few frames tell little
-        share = ((away**2).sum() + as_taken) / (max(size.sum() - explained, 0.0) + as_taken)
+        expected = max(size.sum() - explained, 0.0) + as_taken
+        if by_errors is not None:
+            expected += self._expect_of_errors(at, loss_scale, part_of, by_errors)
+        share = ((away**2).sum() + as_taken) / expected
         return float(BEYOND_PARTS * share)
+
+    def _expect_of_errors(
+        self, at: TripodState, loss_scale: float, part_of: Sequence[Indices], by_errors: Array
+    ) -> float:
+        """Square of the weighted sums that painters' errors leave in parts of the field, over all frames: the parts
+        are those of each frame's places.
+        """
+        count = 1 + max((int(part.max(initial=0)) for part in part_of), default=0)
+        left = np.zeros((count, by_errors.shape[1]))
+        moved = self.move_by_errors(at, loss_scale, by_errors)
+        for part, paint, by_error in zip(part_of, self.paint(at.heads, at.common), moved, strict=True):
+            left += add_by_part(part, count, paint.weights(loss_scale)[:, None] * by_error)
+        return float((left**2).sum())
 
 
 def inverse_of_normal(matrix: Array) -> Array:

@@ -124,7 +124,7 @@ def test_pictures_between_tell_the_size_of_the_pitch(monkeypatch: pytest.MonkeyP
     def look(place: object, picture: object, head: np.ndarray, blur_px: object) -> Look:
         return Look(
             measure_ideal(head, growth, 0.1, rng),
-            HeadFit(head, nothing, nothing, nothing, 0.1, nothing, np.zeros(0, np.bool_), np.zeros(2)),
+            HeadFit(head, nothing, nothing, nothing, 0.1, nothing, np.zeros(0, np.bool_), np.zeros(2), np.zeros(0)),
             True,
             np.zeros(2),
         )
@@ -156,7 +156,7 @@ def test_a_size_that_frames_left_open_stays_near_the_usual_one(monkeypatch: pyte
     nothing = np.zeros((3, 3))
 
     def look(place: object, picture: object, head: np.ndarray, blur_px: object) -> Look:
-        fit = HeadFit(head, nothing, nothing, nothing, 0.1, nothing, np.zeros(0, np.bool_), np.zeros(2))
+        fit = HeadFit(head, nothing, nothing, nothing, 0.1, nothing, np.zeros(0, np.bool_), np.zeros(2), np.zeros(0))
         return Look(measure_ideal(head, np.array([0.0, 0.6]), 0.1, rng), fit, True, np.zeros(2))
 
     monkeypatch.setattr(closer_look, "_look_closely", look)
@@ -208,7 +208,7 @@ def test_a_followed_gap_tells_how_far_the_frames_beside_it_are_smeared(monkeypat
 
     def look(place: object, picture: object, head: np.ndarray, blur_px: Array | None) -> Look:
         looks.append((round(float((head - CIRCLE_HEAD)[1] / turn[1]), 1), blur_px is not None))
-        fit = HeadFit(head, nothing, nothing, nothing, 0.1, nothing, np.zeros(0, np.bool_), np.zeros(2))
+        fit = HeadFit(head, nothing, nothing, nothing, 0.1, nothing, np.zeros(0, np.bool_), np.zeros(2), np.zeros(0))
         return Look(measure_ideal(head, np.zeros(2), 0.1, rng), fit, True, np.zeros(2))
 
     monkeypatch.setattr(closer_look, "_look_closely", look)
