@@ -87,12 +87,12 @@ class ClipTruth(_Part):
 
     def turn_field(self) -> ClipTruth:
         """The truth of the field turned by 180 degrees, which looks as it is."""
-        turned = [
-            frame
-            if camera is None
-            else frame.model_copy(update={"camera": CameraRow(**camera.turn_field().soccernet())})
-            for frame, camera in zip(self.frames, map(self.camera, range(len(self.frames))), strict=True)
+        cameras = [self.camera(index) for index in range(len(self.frames))]
+        rows = [
+            None if camera is None else CameraRow.model_validate(camera.turn_field().soccernet(), strict=False)
+            for camera in cameras
         ]
+        turned = [frame.model_copy(update={"camera": row}) for frame, row in zip(self.frames, rows, strict=True)]
         return self.model_copy(update={"frames": turned})
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -55,6 +56,13 @@ def test_true_answers_have_no_error():
     assert row.p90_px < 1e-6 and row.jitter_p90_px < 1e-6 and row.coverage == 1.0
     assert (row.in_cuts, row.in_replays, row.found_again) == (0, 0, (0,))
     assert row.time.times_decoding == 4.0
+
+
+def test_a_field_that_is_turned_by_180_degrees_is_the_same_one():
+    frames = [answer(k) for k in range(4)]
+    turned = [replace(frame, view=replace(frame.view, camera=frame.view.camera.turn_field())) for frame in frames]
+    row = compare(turned, truth(), SPENT)
+    assert row.good == 0.5 and row.median_px < 1e-6
 
 
 def test_errors_are_those_that_were_made():
