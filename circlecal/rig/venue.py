@@ -83,7 +83,8 @@ class Range(_Part):
 
 class PaintersPart(_Part):
     """Covariance of the parameters if painters made no errors, its rows up to the diagonal, and how the parameters
-    follow each painters' error of one standard deviation, in the units and in the order of the parameters.
+    follow each painters' error of one standard deviation, all in standard deviations of the parameters: where a person
+    changes one of these, what painters leave open of it changes with it.
     """
 
     covariance: list[list[Finite]]
@@ -97,20 +98,26 @@ class PaintersPart(_Part):
         for name, values in self.by_errors.items():
             if len(values) != count:
                 raise ValueError(f"by_errors.{name} needs {count} numbers")
+        if np.linalg.eigvalsh(self._whole()).min() < -1e-6:
+            raise ValueError("covariance is that of no distribution: it has a negative eigenvalue")
         return self
 
     @classmethod
-    def of(cls, share: PaintersShare) -> Self:
-        """What the file has of a tripod's share."""
+    def of(cls, share: PaintersShare, sd: Array) -> Self:
+        """What the file has of a share, for parameters with standard deviations (K,)."""
+        share = share.resize(np.divide(1.0, sd, out=np.zeros_like(sd), where=sd > 0.0))
         rows = [row[: k + 1] for k, row in enumerate(share.covariance.tolist())]
         return cls(covariance=rows, by_errors={name: values.tolist() for name, values in share.by_errors.items()})
 
-    def share(self) -> PaintersShare:
-        """The share of a tripod."""
+    def share(self, sd: Array) -> PaintersShare:
+        """The share of parameters with standard deviations (K,)."""
+        return PaintersShare(self._whole(), {name: np.array(v) for name, v in self.by_errors.items()}).resize(sd)
+
+    def _whole(self) -> Array:
         covariance = np.zeros((len(FILE_NAMES), len(FILE_NAMES)))
         for k, row in enumerate(self.covariance):
             covariance[k, : k + 1] = covariance[: k + 1, k] = row
-        return PaintersShare(covariance, {name: np.array(values) for name, values in self.by_errors.items()})
+        return covariance
 
 
 class TripodPart(_Part):
@@ -148,10 +155,18 @@ class TripodPart(_Part):
             matrix[row, :row] = matrix[:row, row] = numbers
         return matrix
 
+    def sds(self) -> Array:
+        """Standard deviations (K,) of the parameters, without what painters' errors add."""
+        return np.array([self.parameters[name].sd for name in FILE_NAMES])
+
+    def told_sds(self) -> Array:
+        """Standard deviations (K,) of the parameters with painters' errors."""
+        sd = self.sds()
+        return sd if self.painters is None else np.sqrt(np.diag(self.painters.share(sd).whole))
+
     def estimate(self, template: FieldTemplate) -> TripodEstimate:
         """The camera, its sizes as offsets from a template's."""
-        mean = np.array([self.parameters[name].mean for name in FILE_NAMES]) - _offsets(template)
-        sd = np.array([self.parameters[name].sd for name in FILE_NAMES])
+        mean, sd = np.array([self.parameters[name].mean for name in FILE_NAMES]) - _offsets(template), self.sds()
         low, high = (
             np.array([np.log(self.range.focal_px[k]), *np.radians([self.range.pan_deg[k], self.range.tilt_deg[k]])])
             for k in (0, 1)
@@ -167,7 +182,7 @@ class TripodPart(_Part):
             head_high=high,
             used=tuple(self.frames),
             left_out=tuple(self.left_out),
-            painters=None if self.painters is None else self.painters.share(),
+            painters=None if self.painters is None else self.painters.share(sd),
         )
 
     @classmethod
@@ -188,7 +203,7 @@ class TripodPart(_Part):
                 name: KnownValue(mean=m, sd=s) for name, m, s in zip(FILE_NAMES, mean, sd.tolist(), strict=True)
             },
             correlation=[correlation[row, :row].tolist() for row in range(1, len(FILE_NAMES))],
-            painters=None if tripod.painters is None else PaintersPart.of(tripod.painters),
+            painters=None if tripod.painters is None else PaintersPart.of(tripod.painters, sd),
             range=Range(pan_deg=pan, tilt_deg=tilt, focal_px=(float(np.exp(low[0])), float(np.exp(high[0])))),
             frames=list(tripod.used),
             left_out=list(tripod.left_out),
@@ -360,11 +375,8 @@ def _facts(content: VenueFile) -> list[str]:
     """What a person wants to know of each camera, as comments."""
 
     def describe(tripod: TripodPart, name: str, factor: float = 1.0) -> str:
-        mean, sd = tripod.parameters[name].mean, tripod.parameters[name].sd
-        if tripod.painters is not None:
-            at = FILE_NAMES.index(name)
-            sd = float(np.sqrt(tripod.painters.share().whole[at, at]))
-        return show_with_sigma(factor * mean, factor * sd)
+        sd = float(tripod.told_sds()[FILE_NAMES.index(name)])
+        return show_with_sigma(factor * tripod.parameters[name].mean, factor * sd)
 
     lines = []
     for tripod in content.tripods:

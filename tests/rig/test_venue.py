@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 
 from circlecal.config import load_config
 from circlecal.errors import InputError
 from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import theta_of
-from circlecal.rig.tripod import PLACE, Venue
+from circlecal.rig.tripod import COMMON, PLACE, PaintersShare, Venue
 from circlecal.rig.venue import prior_of_tripod, read_venue, read_venue_file, venue_settings, write_venue
 from tests.tracking.scripted import tripod
 
@@ -32,6 +33,58 @@ def test_what_is_written_comes_back(file):
     assert (found.name, found.size, found.surface, found.used) == (
         wanted.name, wanted.size, wanted.surface, wanted.used
     )  # fmt: skip
+
+
+def with_painters():
+    """A rink's camera whose position and length follow a line that lies beside its place."""
+    follows = np.zeros(len(COMMON))
+    follows[[PLACE["axis_x"], PLACE["length"]]] = 0.02, 0.05
+    return replace(tripod(), painters=PaintersShare(tripod().covariance / 4.0, {"blue_line_left x": follows}))
+
+
+@pytest.fixture
+def painted_file(tmp_path):
+    write_venue(tmp_path / "venue.yaml", Venue("soccer", (with_painters(),)), SOCCER)
+    return tmp_path / "venue.yaml"
+
+
+def test_what_painters_leave_open_comes_back(painted_file):
+    (found,), wanted = read_venue(painted_file, SOCCER).tripods, with_painters()
+    np.testing.assert_allclose(found.told_covariance, wanted.told_covariance, rtol=1e-9, atol=1e-18)
+    assert list(found.painters.by_errors) == ["blue_line_left x"]
+    # a prior for single frames has it, too
+    without = replace(found, painters=replace(found.painters, by_errors={}))
+    x = prior_of_tripod(found).parameters.index("x")
+    more = prior_of_tripod(found).covariance - prior_of_tripod(without).covariance
+    assert more[x, x] == pytest.approx(0.02**2)
+
+
+def test_a_size_that_a_person_has_fixed_is_not_left_open_by_painters(painted_file):
+    text = painted_file.read_text()
+    known = read_venue_file(painted_file).tripods[0].parameters["pitch_length_m"]
+    written = f"pitch_length_m: {{mean: {known.mean}, sd: {known.sd}}}"
+    assert written in text and known.sd > 0.0
+    painted_file.write_text(text.replace(written, "pitch_length_m: {mean: 105.0, sd: 0.0}"))
+    (found,) = read_venue(painted_file, SOCCER).tripods
+    assert found.told_covariance[PLACE["length"], PLACE["length"]] == 0.0
+    x = PLACE["axis_x"], PLACE["axis_x"]
+    assert found.told_covariance[x] == pytest.approx(tripod().covariance[x] / 4.0 + 0.02**2)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda painters: painters["covariance"].pop(), "covariance needs 20 rows"),
+        (lambda painters: painters["by_errors"]["blue_line_left x"].pop(), "by_errors.blue_line_left x needs 20"),
+        (lambda painters: painters["covariance"][0].__setitem__(0, -1.0), "covariance is that of no distribution"),
+    ],
+)
+def test_damage_in_what_painters_leave_open_is_told(painted_file, change, told):
+    content = yaml.safe_load(painted_file.read_text())
+    change(content["tripods"][0]["painters"])
+    painted_file.write_text(yaml.safe_dump(content))
+    with pytest.raises(InputError, match=rf"tripods\.0\.painters: {told}"):
+        read_venue(painted_file, SOCCER)
 
 
 def test_a_digest_that_looks_like_a_number_stays_text(tmp_path):
