@@ -265,7 +265,7 @@ class TripodEstimate:
     painters: PaintersShare | None = None
 
     @property
-    def told_covariance(self) -> Array:
+    def whole_covariance(self) -> Array:
         """Covariance (K, K) of the parameters with what painters' errors leave open of them, where these are known."""
         return self.covariance if self.painters is None else self.painters.whole
 

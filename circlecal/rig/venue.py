@@ -159,7 +159,7 @@ class TripodPart(_Part):
         """Standard deviations (K,) of the parameters, without what painters' errors add."""
         return np.array([self.parameters[name].sd for name in FILE_NAMES])
 
-    def told_sds(self) -> Array:
+    def whole_sds(self) -> Array:
         """Standard deviations (K,) of the parameters with painters' errors."""
         sd = self.sds()
         return sd if self.painters is None else np.sqrt(np.diag(self.painters.share(sd).whole))
@@ -347,12 +347,12 @@ def prior_of_tripod(tripod: TripodEstimate) -> SharedPrior:
     heads = np.stack(np.meshgrid([tripod.log_focal], pan, tilt, indexing="ij"), axis=-1).reshape(-1, 3)
     thetas = tripod.model.thetas(heads, tripod.mean)
     mapping = tripod.model.derivatives(heads, tripod.mean)[1].mean(axis=0)
-    variance = np.diag(mapping @ tripod.told_covariance @ mapping.T) + thetas.var(axis=0)
+    variance = np.diag(mapping @ tripod.whole_covariance @ mapping.T) + thetas.var(axis=0)
     names = tuple(name for name in SHARED if variance[INDEX[name]] > 0)
     zoomed = tuple(name for name in ZOOMED if name in names)
     at, slopes = [INDEX[name] for name in names], [PLACE[f"{name}_by_zoom"] for name in zoomed]
     both = np.concatenate([mapping[at], np.eye(len(tripod.mean))[slopes]])
-    covariance = both @ tripod.told_covariance @ both.T
+    covariance = both @ tripod.whole_covariance @ both.T
     covariance[np.diag_indices_from(covariance)] += _LEAST_SD**2
     return SharedPrior(
         parameters=names,
@@ -375,7 +375,7 @@ def _facts(content: VenueFile) -> list[str]:
     """What a person wants to know of each camera, as comments."""
 
     def describe(tripod: TripodPart, name: str, factor: float = 1.0) -> str:
-        sd = float(tripod.told_sds()[FILE_NAMES.index(name)])
+        sd = float(tripod.whole_sds()[FILE_NAMES.index(name)])
         return show_with_sigma(factor * tripod.parameters[name].mean, factor * sd)
 
     lines = []

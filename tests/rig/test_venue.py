@@ -50,7 +50,7 @@ def painted_file(tmp_path):
 
 def test_what_painters_leave_open_comes_back(painted_file):
     (found,), wanted = read_venue(painted_file, SOCCER).tripods, with_painters()
-    np.testing.assert_allclose(found.told_covariance, wanted.told_covariance, rtol=1e-9, atol=1e-18)
+    np.testing.assert_allclose(found.whole_covariance, wanted.whole_covariance, rtol=1e-9, atol=1e-18)
     assert list(found.painters.by_errors) == ["blue_line_left x"]
     # a prior for single frames has it, too
     without = replace(found, painters=replace(found.painters, by_errors={}))
@@ -66,9 +66,9 @@ def test_a_size_that_a_person_has_fixed_is_not_left_open_by_painters(painted_fil
     assert written in text and known.sd > 0.0
     painted_file.write_text(text.replace(written, "pitch_length_m: {mean: 105.0, sd: 0.0}"))
     (found,) = read_venue(painted_file, SOCCER).tripods
-    assert found.told_covariance[PLACE["length"], PLACE["length"]] == 0.0
+    assert found.whole_covariance[PLACE["length"], PLACE["length"]] == 0.0
     x = PLACE["axis_x"], PLACE["axis_x"]
-    assert found.told_covariance[x] == pytest.approx(tripod().covariance[x] / 4.0 + 0.02**2)
+    assert found.whole_covariance[x] == pytest.approx(tripod().covariance[x] / 4.0 + 0.02**2)
 
 
 @pytest.mark.parametrize(

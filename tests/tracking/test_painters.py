@@ -81,7 +81,7 @@ def test_errors_move_the_paint_as_they_move_the_markings(frames: list[HeadedFram
 def test_a_tripod_follows_errors_as_it_is_told_to(frames: list[HeadedFrame]) -> None:
     usual = fit(frames)
     assert usual.painters is not None
-    names, sd = name_errors(PAINTED), np.sqrt(np.diag(usual.told_covariance))
+    names, sd = name_errors(PAINTED), np.sqrt(np.diag(usual.whole_covariance))
     strongest = sorted(usual.painters.by_errors.items(), key=lambda item: -np.abs(item[1]).max())[:3]
     for name, follows in strongest:
         moved = fit([paint_beside(frame, PAINTED, np.eye(len(names))[names.index(name)]) for frame in frames])
@@ -96,7 +96,7 @@ def test_the_truth_is_off_as_far_as_painters_leave_it_open(frames: list[HeadedFr
     off = [fit([paint_beside(frame, PAINTED, errors) for frame in frames]).mean - usual.mean for errors in drawn]
     at = [PLACE[name] for name in ("axis_x", "axis_y", "axis_z", "crown", "length", "breadth")]
     scatter = np.std(off, axis=0)[at]
-    told = scatter / np.sqrt(np.diag(usual.told_covariance))[at]
+    told = scatter / np.sqrt(np.diag(usual.whole_covariance))[at]
     assert told.min() > 0.7 and told.max() < 1.4
     noise_alone = scatter / np.sqrt(np.diag(usual.covariance))[at]
     assert noise_alone.min() > 5.0

@@ -121,7 +121,7 @@ def _spread_of_draws(alike: bool) -> tuple[np.ndarray, np.ndarray]:
     return told, np.sqrt(np.mean(np.square(away), axis=0))
 
 
-def test_told_covariances_are_those_of_paint_that_is_better_than_it_says() -> None:
+def test_whole_covariances_are_those_of_paint_that_is_better_than_it_says() -> None:
     told, drawn = _spread_of_draws(alike=True)
     # what frames repeat is most of it, and their own noise is counted beside it
     assert np.all(told > 0.9 * drawn) and np.all(told < 1.5 * drawn)
