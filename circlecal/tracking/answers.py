@@ -19,7 +19,7 @@ from circlecal.tracking.entry import BARE_SHARE, Entry
 from circlecal.tracking.looking import Place
 from circlecal.tracking.records import theta_of_view
 from circlecal.tracking.results import Head, TrackedFrame
-from circlecal.tracking.smoother import smooth_robustly
+from circlecal.tracking.smoother import Chain, smooth_robustly
 
 DRIFT_SD = (2e-5, 5e-6, 5e-6)
 """What the motion between neighbours leaves open beside its own standard deviation: logarithm of the focal length and
@@ -70,20 +70,10 @@ def answer_shot(entries: list[Entry], count: int, limits: SigmaLimits) -> Iterat
         return
     tracked = [k for k, entry in enumerate(entries) if entry.place is not None]
     smoothed: dict[int, tuple[Array, Array, Array]] = {}
-    for chain in _chains(entries, tracked):
-        part = [entries[k] for k in chain]
-        heads = np.array([entry.head for entry in part])
-        changes, precision = np.zeros((len(part) - 1, 3)), np.zeros((len(part) - 1, 3, 3))
-        for j, entry in enumerate(part[1:]):
-            if entry.motion is not None:
-                changes[j] = entry.motion.change
-                precision[j] = np.linalg.inv(entry.motion.covariance + np.diag(np.square(DRIFT_SD)))
-        pull = np.array([_pull_of(entry) for entry in part])
-        information, toward = np.array([e.information for e in part]), np.array([e.toward for e in part])
-        found = smooth_robustly(heads, information, toward, changes, precision, pull, _spread_of(part))
-        by_common = np.zeros_like(pull) if found.by_common is None else found.by_common
-        for j, k in enumerate(chain):
-            smoothed[k] = found.heads[j], found.covariances[j], by_common[j]
+    for run in _runs(entries, tracked):
+        part = [entries[k] for k in run]
+        found = smooth_robustly(_chain_of(part), np.array([_pull_of(entry) for entry in part]), _spread_of(part))
+        smoothed |= dict(zip(run, zip(found.heads, found.covariances, found.by_common, strict=True), strict=True))
     support = _count_to_confirmation(entries)
     for k, entry in enumerate(entries[:count]):
         yield _refusal(entry, "lost") if k not in smoothed else _answer_frame(entry, *smoothed[k], support[k], limits)
@@ -96,15 +86,26 @@ def _pull_of(entry: Entry) -> Array:
     return np.concatenate([np.zeros((3, count)) if pull is None else pull for pull, count in pulls], axis=1)
 
 
-def _chains(entries: list[Entry], tracked: list[int]) -> list[list[int]]:
+def _runs(entries: list[Entry], tracked: list[int]) -> list[list[int]]:
     """Runs of frames of one camera that follow each other."""
-    chains: list[list[int]] = []
+    runs: list[list[int]] = []
     for k in tracked:
-        if chains and chains[-1][-1] == k - 1 and entries[k].motion is not None:
-            chains[-1].append(k)
+        if runs and runs[-1][-1] == k - 1 and entries[k].motion is not None:
+            runs[-1].append(k)
         else:
-            chains.append([k])
-    return chains
+            runs.append([k])
+    return runs
+
+
+def _chain_of(entries: list[Entry]) -> Chain:
+    """What the frames of a run show, and how the head moved from each to the next."""
+    changes, precision = np.zeros((len(entries) - 1, 3)), np.zeros((len(entries) - 1, 3, 3))
+    for j, entry in enumerate(entries[1:]):
+        if entry.motion is not None:
+            changes[j] = entry.motion.change
+            precision[j] = np.linalg.inv(entry.motion.covariance + np.diag(np.square(DRIFT_SD)))
+    heads, information, toward = zip(*((e.head, e.information, e.toward) for e in entries), strict=True)
+    return Chain(np.array(heads), np.array(information), np.array(toward), changes, precision)
 
 
 def _count_to_confirmation(entries: list[Entry]) -> list[int]:

@@ -38,29 +38,10 @@ CHI2_MEDIAN = 0.455
 
 
 @dataclass(frozen=True, slots=True)
-class Smoothed:
-    """Heads (N, 3) of a shot, their covariances (N, 3, 3), and how they follow what all of them share (N, 3, K)."""
+class Chain:
+    """Frames of a shot that follow each other.
 
-    heads: Array
-    covariances: Array
-    by_common: Array | None = None
-
-
-def smooth_heads(
-    heads: Array,
-    information: Array,
-    toward: Array,
-    changes: Array,
-    precision: Array,
-    steadiness: Array | None = None,
-    anchor: float = 1e-9,
-) -> Smoothed:
-    """Most likely heads of a chain of frames.
-
-    Minimised is the sum over frames of ``(x - m)^T N (x - m)``, over neighbours of ``(x' - x - d)^T W (x' - x - d)``,
-    and over four frames in a row of ``S (x''' - 3 x'' + 3 x' - x)^2`` for each component.
-
-    Parameters
+    Attributes
     ----------
     heads : (N, 3) array
         Any heads near the solution: the information refers to them.
@@ -70,52 +51,80 @@ def smooth_heads(
         ``N (m - head)``, the pull of what each frame shows.
     changes, precision : (N - 1, 3), (N - 1, 3, 3) arrays
         Motions d between neighbours and their information W; 0 where the motion is not known.
-    steadiness : (N - 3, 3) array, optional
-        S, what is known of the third differences; nothing without.
     anchor : float
         Share of a unit of information about ``heads`` that keeps frames without any where they are.
     """
-    found, factor = _solve_chain(heads, information, toward, changes, precision, steadiness, anchor)
-    return Smoothed(found, _invert_chain(factor))
+
+    heads: Array
+    information: Array
+    toward: Array
+    changes: Array
+    precision: Array
+    anchor: float = 1e-9
+
+    def solve(self, steadiness: Array, weight: Array | None = None) -> Solution:
+        """Most likely heads.
+
+        Minimised is the sum over frames of ``(x - m)^T N (x - m)``, over neighbours of
+        ``(x' - x - d)^T W (x' - x - d)``, and over four frames in a row of ``S (x''' - 3 x'' + 3 x' - x)^2`` for each
+        component.
+
+        Parameters
+        ----------
+        steadiness : (N - 3, 3) array
+            S, what is known of the third differences; an empty one where nothing is.
+        weight : (N - 1,) array, optional
+            Share of its information that each motion is left; all of it without.
+        """
+        precision = self.precision if weight is None else self.precision * weight[:, None, None]
+        count = len(self.heads)
+        # blocks[d, k] couples frames k and k + d
+        blocks = np.zeros((len(JERK), count, 3, 3))
+        blocks[0] = self.information + self.anchor * np.eye(3)
+        right = self.toward.copy()
+        # with x = head + y: y' - y = d - (head' - head)
+        pull = (precision @ (self.changes - np.diff(self.heads, axis=0))[..., None])[..., 0]
+        blocks[0, :-1] += precision
+        blocks[0, 1:] += precision
+        blocks[1, :-1] -= precision
+        right[:-1] -= pull
+        right[1:] += pull
+        if len(steadiness):
+            jerk = steadiness * np.diff(self.heads, 3, axis=0)
+            last, axes = len(steadiness), np.arange(3)
+            for a, first in enumerate(JERK):
+                right[a : a + last] -= first * jerk
+                for b in range(a, len(JERK)):
+                    blocks[b - a, a : a + last, axes, axes] += first * JERK[b] * steadiness.T
+        solution = Solution(self.heads, cholesky_banded(_to_band(blocks), check_finite=False))
+        return Solution(self.heads + solution.follow(right[..., None])[..., 0], solution.factor)
 
 
-def _solve_chain(
-    heads: Array,
-    information: Array,
-    toward: Array,
-    changes: Array,
-    precision: Array,
-    steadiness: Array | None,
-    anchor: float,
-) -> tuple[Array, Array]:
-    """Most likely heads (N, 3), and the factor of the banded normal equations; arguments as of :func:`smooth_heads`."""
-    count = len(heads)
-    # blocks[d, k] couples frames k and k + d
-    blocks = np.zeros((len(JERK), count, 3, 3))
-    blocks[0] = information + anchor * np.eye(3)
-    right = toward.copy()
-    # with x = head + y: y' - y = d - (head' - head)
-    pull = (precision @ (changes - np.diff(heads, axis=0))[..., None])[..., 0]
-    blocks[0, :-1] += precision
-    blocks[0, 1:] += precision
-    blocks[1, :-1] -= precision
-    right[:-1] -= pull
-    right[1:] += pull
-    if steadiness is not None and len(steadiness):
-        jerk = steadiness * np.diff(heads, 3, axis=0)
-        last, axes = len(steadiness), np.arange(3)
-        for a, first in enumerate(JERK):
-            right[a : a + last] -= first * jerk
-            for b in range(a, len(JERK)):
-                blocks[b - a, a : a + last, axes, axes] += first * JERK[b] * steadiness.T
-    factor = cholesky_banded(_to_band(blocks), check_finite=False)
-    moved = cho_solve_banded((factor, False), right.ravel(), check_finite=False)
-    return heads + moved.reshape(count, 3), factor
+@dataclass(frozen=True, slots=True)
+class Solution:
+    """Heads (N, 3) of a chain, and the factor (U + 1, 3 N) of its banded normal equations."""
+
+    heads: Array
+    factor: Array
+
+    @property
+    def covariances(self) -> Array:
+        """Covariances (N, 3, 3) of the heads, where frames and motions are off by what their information says."""
+        return _make_symmetric(_blocks_of_heads(_invert_factor(self.factor)))
+
+    def follow(self, pull: Array) -> Array:
+        """How the heads follow (N, 3, K) what pulls what the frames show (N, 3, K)."""
+        columns = pull.reshape(3 * len(self.heads), -1)
+        return np.asarray(cho_solve_banded((self.factor, False), columns, check_finite=False)).reshape(pull.shape)
 
 
-def _invert_chain(factor: Array) -> Array:
-    """Covariances (N, 3, 3) of the heads from the factor (U + 1, 3 N) of their normal equations."""
-    return _make_symmetric(_blocks_of_heads(_invert_factor(factor)))
+@dataclass(frozen=True, slots=True)
+class Smoothed:
+    """Heads (N, 3) of a shot, their covariances (N, 3, 3), and how they follow what all of them share (N, 3, K)."""
+
+    heads: Array
+    covariances: Array
+    by_common: Array
 
 
 def _invert_factor(factor: Array) -> Array:
@@ -167,16 +176,7 @@ def _to_band(blocks: Array) -> Array:
     return band.reshape(widest + 1, 3 * count)
 
 
-def smooth_robustly(
-    heads: Array,
-    information: Array,
-    toward: Array,
-    changes: Array,
-    precision: Array,
-    pull: Array | None = None,
-    spread: float | None = None,
-    anchor: float = 1e-9,
-) -> Smoothed:
+def smooth_robustly(chain: Chain, pull: Array, spread: float | None = None) -> Smoothed:
     """Most likely heads of a chain of frames, where some motions may be those of players, of a head with inertia.
 
     Motions that lie further from what the paint of both frames says than their covariance allows get Cauchy's weight,
@@ -184,31 +184,24 @@ def smooth_robustly(
 
     Parameters
     ----------
-    heads, information, toward, changes, precision, anchor : arrays, float
-        Those of :func:`smooth_heads`.
-    pull : (N, 3, K) array, optional
+    chain : Chain
+        The frames.
+    pull : (N, 3, K) array
         How what each frame shows changes ``toward`` with the parameters that all frames share.
     spread : float, optional
         Variance of what the frames show, as a share of what ``information`` has. All of it counts twice: as noise of
         each frame, and as what frames repeat of paint, surface and lens, which no number of them lowers. Without it
         the covariances are those of ``information``, all of which is noise.
     """
-    found, factor = _solve_chain(heads, information, toward, changes, precision, None, anchor)
-    steadiness = _estimate_steadiness(found, precision)
+    found = chain.solve(np.zeros((0, 3)))
+    steadiness = _estimate_steadiness(found.heads, chain.precision)
     for _ in range(ROUNDS):
-        away = np.diff(found, axis=0) - changes
-        squared = np.einsum("ni,nij,nj->n", away, precision, away)
-        weight = 1.0 / (1.0 + squared / CAUCHY**2)
-        jerk = steadiness * np.diff(found, 3, axis=0) ** 2
-        steady = steadiness / (1.0 + jerk / CAUCHY**2)
-        trusted = precision * weight[:, None, None]
-        found, factor = _solve_chain(heads, information, toward, changes, trusted, steady, anchor)
-    by_common = None
-    if pull is not None:
-        columns = pull.reshape(3 * len(heads), -1)
-        by_common = cho_solve_banded((factor, False), columns, check_finite=False).reshape(pull.shape)
-    covariances = _invert_chain(factor) if spread is None else _spread_chain(factor, information, spread)
-    return Smoothed(found, covariances, by_common)
+        away = np.diff(found.heads, axis=0) - chain.changes
+        squared = np.einsum("ni,nij,nj->n", away, chain.precision, away)
+        jerk = steadiness * np.diff(found.heads, 3, axis=0) ** 2
+        found = chain.solve(steadiness / (1.0 + jerk / CAUCHY**2), 1.0 / (1.0 + squared / CAUCHY**2))
+    covariances = found.covariances if spread is None else _spread_chain(found.factor, chain.information, spread)
+    return Smoothed(found.heads, covariances, found.follow(pull))
 
 
 def _estimate_steadiness(heads: Array, precision: Array) -> Array:

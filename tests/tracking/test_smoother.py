@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from circlecal.tracking.smoother import JERK, Smoothed, smooth_heads, smooth_robustly
+from circlecal.tracking.smoother import JERK, Chain, Smoothed, Solution, smooth_robustly
+
+NO_INERTIA = np.zeros((0, 3))
 
 
 def positive(rng: np.random.Generator, count: int) -> np.ndarray:
@@ -21,7 +25,7 @@ def test_heads_and_covariances_are_those_of_the_dense_system() -> None:
     changes = rng.normal(size=(count - 1, 3))
     toward = np.einsum("nij,nj->ni", information, seen - heads)
     steadiness = rng.uniform(0.1, 2.0, (count - 3, 3))
-    found = smooth_heads(heads, information, toward, changes, precision, steadiness)
+    found = Chain(heads, information, toward, changes, precision).solve(steadiness)
     matrix, right = np.zeros((3 * count, 3 * count)), np.zeros(3 * count)
     for k in range(count):
         own = slice(3 * k, 3 * k + 3)
@@ -52,14 +56,14 @@ def test_a_motion_of_players_does_not_shake_the_camera() -> None:
     precision = np.tile(np.eye(3) / (0.5 * noise) ** 2, (count - 1, 1, 1))
     changes = np.diff(true, axis=0) + rng.normal(0.0, 0.5 * noise, (count - 1, 3))
     changes[20, 1] += 20.0 * noise
-    arguments = heads, information, np.zeros((count, 3)), changes, precision
-    plain, found = smooth_heads(*arguments), smooth_robustly(*arguments)
+    chain = Chain(heads, information, np.zeros((count, 3)), changes, precision)
+    plain, found = chain.solve(NO_INERTIA), smooth_robustly(chain, np.zeros((count, 3, 0)))
     near = slice(19, 23)
     assert np.abs(plain.heads - true)[near, 1].max() > 4.0 * noise
     assert np.abs(found.heads - true)[near, 1].max() < 2.0 * noise
     # where all motions agree with the paint nothing is lost
     changes[20, 1] -= 20.0 * noise
-    plain, found = smooth_heads(*arguments), smooth_robustly(*arguments)
+    plain, found = chain.solve(NO_INERTIA), smooth_robustly(chain, np.zeros((count, 3, 0)))
     assert np.abs(found.heads - true).max() < np.abs(plain.heads - true).max()
 
 
@@ -73,12 +77,12 @@ def test_a_head_has_inertia() -> None:
     information = np.tile(np.eye(3) / (10.0 * noise) ** 2, (count, 1, 1))
     precision = np.tile(np.eye(3) / noise**2, (count - 1, 1, 1))
     changes = np.diff(true, axis=0) + rng.normal(0.0, noise, (count - 1, 3))
-    arguments = heads, information, np.zeros((count, 3)), changes, precision
+    chain = Chain(heads, information, np.zeros((count, 3)), changes, precision)
 
-    def shake(found: Smoothed) -> float:
+    def shake(found: Smoothed | Solution) -> float:
         return float(np.sqrt(np.mean(np.diff(found.heads - true, 2, axis=0) ** 2)))
 
-    plain, found = smooth_heads(*arguments), smooth_robustly(*arguments)
+    plain, found = chain.solve(NO_INERTIA), smooth_robustly(chain, np.zeros((count, 3, 0)))
     assert shake(found) < 0.5 * shake(plain)
     assert np.abs(found.heads - true).max() < 1.2 * np.abs(plain.heads - true).max()
 
@@ -92,10 +96,10 @@ def test_heads_follow_what_all_frames_share_as_their_paint_pulls_them() -> None:
     information[1] = 0.0
     pull = np.einsum("nij,njk->nik", information, rng.normal(size=(count, 3, 2)))
     changes, precision = np.diff(heads, axis=0), positive(rng, count - 1) / noise**2
-    still = smooth_robustly(heads, information, np.zeros((count, 3)), changes, precision, pull)
-    assert still.by_common is not None
+    chain = Chain(heads, information, np.zeros((count, 3)), changes, precision)
+    still = smooth_robustly(chain, pull)
     for k in range(2):
-        moved = smooth_robustly(heads, information, step * pull[..., k], changes, precision)
+        moved = smooth_robustly(replace(chain, toward=step * pull[..., k]), pull)
         np.testing.assert_allclose((moved.heads - still.heads) / step, still.by_common[..., k], rtol=1e-3, atol=1e-3)
     # what is not seen goes with its neighbours
     assert np.abs(still.by_common[1]).max() > 0.1
@@ -115,7 +119,8 @@ def _spread_of_draws(alike: bool) -> tuple[np.ndarray, np.ndarray]:
         off = np.sqrt(share) * noise * np.broadcast_to(rng.normal(size=(1 if alike else count, 3)), (count, 3))
         changes = rng.normal(0.0, 0.3 * noise, (count - 1, 3))
         toward = np.einsum("nij,nj->ni", information, off)
-        found = smooth_robustly(np.zeros((count, 3)), information, toward, changes, precision, spread=share)
+        chain = Chain(np.zeros((count, 3)), information, toward, changes, precision)
+        found = smooth_robustly(chain, np.zeros((count, 3, 0)), share)
         away.append(found.heads)
         told = np.sqrt(np.diagonal(found.covariances, axis1=1, axis2=2))
     return told, np.sqrt(np.mean(np.square(away), axis=0))
