@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -92,8 +92,11 @@ class _Kept:
 
 @dataclass(frozen=True, slots=True)
 class _Followed:
-    """A look, the head (3,) and covariance (3, 3) that it began with, and the blur (2,) that it expected, pixels."""
+    """A look along a motion, with the head (3,) and covariance (3, 3) that it began with, and the way (2,) that it
+    expected the picture to move while the shutter was open, pixels.
+    """
 
+    motion: HeadMotion
     look: Look
     head: Array
     covariance: Array
@@ -104,13 +107,60 @@ class _Followed:
         """How far from the markings the paint was looked for because of where the head may turn, pixels."""
         return float(np.sqrt(np.diag(self.covariance)[1:].max()) * np.exp(self.head[0]))
 
+    @property
+    def should_show_more(self) -> bool:
+        """Whether the picture should show paint, and does not confirm the head."""
+        return not self.look.is_confirmed and int(self.look.measured.expected.sum()) >= EXPECTED_PLACES
+
     def look_again(self, place: Place, picture: LookedAt, by_common: Array | None) -> _Followed:
         """Where the first look found the paint: what lies beside it is not taken for it any more."""
         if len(self.look.measured.marking) < LEAST_PLACES // 2:
             return self
-        covariance = self.covariance / SECOND_LOOK
-        head = self.look.fit.head
-        return _Followed(place.look(picture, head, covariance, by_common, self.blur_px), head, covariance, self.blur_px)
+        covariance, head = self.covariance / SECOND_LOOK, self.look.fit.head
+        look = place.look(picture, head, covariance, by_common, self.blur_px)
+        return replace(self, look=look, head=head, covariance=covariance)
+
+
+@dataclass(frozen=True, slots=True)
+class _Inertia:
+    """How a head turned into the last frame, by which it may be expected to go on.
+
+    Attributes
+    ----------
+    change, acceleration : (3,) arrays
+        Of the head into the last frame, and by how much that was more than the change before.
+    velocity_px : (2,) array
+        How far the middle of the picture moved with it, pixels.
+    is_moving : bool
+        Whether the camera was followed into the last frame, so that these are known.
+    """
+
+    change: Array = field(default_factory=lambda: np.zeros(3))
+    acceleration: Array = field(default_factory=lambda: np.zeros(3))
+    velocity_px: Array = field(default_factory=lambda: np.zeros(2))
+    is_moving: bool = False
+
+    def go_on(self, place: Place, before: Entry, change: Array) -> _Inertia:
+        """After the head of the frame before has changed (3,)."""
+        acceleration = change - self.change if self.is_moving else np.zeros(3)
+        return _Inertia(change, acceleration, _move_px(place, before, change), True)
+
+    def guess(self, place: Place, before: Entry) -> HeadMotion:
+        """That the head of the frame before goes on turning, and speeding up or slowing down, as it did."""
+        change = self.change + self.acceleration
+        turn = GUESS_SD_PX * place.unit / float(np.exp(before.head[0])) + GUESS_SHARE * np.abs(change[1:])
+        return HeadMotion(change, np.diag(np.square([GUESS_SD_ZOOM, *turn])), 0.0, 0)
+
+    def is_surprised(self, place: Place, before: Entry, motion: HeadMotion) -> bool:
+        """Whether a motion is far from the guess, or none where there was one: the head has inertia, players have
+        little, and graphics stand still.
+        """
+        guess = self.guess(place, before)
+        away = np.abs(motion.change - guess.change)[1:]
+        if (away > SURPRISE * np.sqrt(np.diag(guess.covariance))[1:]).any():
+            return True
+        still, moving = STANDING_PX * place.unit, GOING_PX * place.unit
+        return bool(np.hypot(*_move_px(place, before, motion.change)) < still and np.hypot(*self.velocity_px) > moving)
 
 
 def _blur_px(moved_px: Array, before: Entry, after: Entry) -> Array:
@@ -118,9 +168,9 @@ def _blur_px(moved_px: Array, before: Entry, after: Entry) -> Array:
     return np.asarray(SHUTTER / max(after.index - before.index, 1) * moved_px)
 
 
-def _should_show_more(look: Look) -> bool:
-    """Whether a picture should show paint, and does not confirm its head."""
-    return not look.is_confirmed and int(look.measured.expected.sum()) >= EXPECTED_PLACES
+def _move_px(place: Place, before: Entry, change: Array) -> Array:
+    """How far (2,) the middle of the picture moves where the head of the frame before changes (3,)."""
+    return move_of_middle(change, before.head, place.tripod.model, place.tripod.mean)
 
 
 class Follower:
@@ -153,8 +203,7 @@ class Follower:
         self._entry: Entry | None = None
         self._shot = 0
         self._since_cut, self._unconfirmed, self._contradicted = 0, 0, 0
-        self._velocity, self._change, self._acceleration = np.zeros(2), np.zeros(3), np.zeros(3)
-        self._is_moving = False
+        self._inertia = _Inertia()
         self._since_surface, self._way_since_surface = 0, 0.0
         self._surface: Array | None = None
         """Colour of the playing surface where the paint last confirmed a camera."""
@@ -163,47 +212,61 @@ class Follower:
 
     def follow(self, frame: ClipFrame) -> Entry:
         """The next frame."""
-        is_followed = self._entry is not None and self._entry.is_confirmed and self._is_near_surface()
-        mask = self._config.mask
-        with self._clock.measure("picture"):
-            picture = LookedAt.of(frame.picture, mask, self._last if is_followed else None)
-            if not is_followed:
-                picture = picture.take_surface(self._surface)
-                self._since_surface, self._way_since_surface = 0, 0.0
-        entry = Entry(frame.index, frame.time_s, picture.size, self._shot)
         before, last = self._entry, self._last
-        flow = None
-        if last is not None and last.size == picture.size:
-            with self._clock.measure("motion"):
-                flow = self._trail.follow(last.small, picture.small, self._velocity)
-        else:
-            self._trail.forget()
+        is_followed = before is not None and before.is_confirmed and self._is_near_surface()
+        with self._clock.measure("picture"):
+            picture = self._take_picture(frame, last if is_followed else None)
+        entry = Entry(frame.index, frame.time_s, picture.size, self._shot)
+        flow = self._follow_corners(picture)
         look = None
-        if before is not None and last is not None and before.place is not None and flow is not None:
+        if before is not None and last is not None and flow is not None:
             look = self._continue(entry, before, last, picture, flow)
-        is_lost = look is None or self._contradicted >= PATIENCE or self._unconfirmed > FOLLOWED_FRAMES
-        if is_lost:
+        if look is None or self._contradicted >= PATIENCE or self._unconfirmed > FOLLOWED_FRAMES:
             if is_followed:
-                picture = LookedAt.of(frame.picture, mask).take_surface(self._surface)
-            # what neither corners nor windows nor paint carry on from the picture before is another shot
-            is_torn = look is None and before is not None and before.place is not None
-            is_cut = last is not None and (is_torn or picture.differs_from(last))
-            self._lose(entry, before, is_cut)
-            if self._is_time_to_search(entry.index):
-                with self._clock.measure("search"):
-                    picture = self._find(entry, picture)
-                place = entry.place
-                if before is not None and place is not None and place is before.place and not is_cut:
-                    self._go_on(place, before, entry.head - before.head)
-            self._since_cut += 1
-            if entry.place is not None:
-                with self._clock.measure("backward"):
-                    self._go_back(_Kept(entry, picture, flow))
+                picture = self._take_picture(frame, None)
+            picture = self._begin_anew(entry, picture, flow, is_torn=look is None)
         if entry.is_confirmed and not is_followed:
             self._surface = picture.colour
         self._keep(_Kept(entry, picture, flow))
         self._entry, self._last = entry, picture
         return entry
+
+    def _take_picture(self, frame: ClipFrame, last: LookedAt | None) -> LookedAt:
+        """The picture of a frame, with the playing surface of the last one, or looked for where there is none."""
+        picture = LookedAt.of(frame.picture, self._config.mask, last)
+        if last is not None:
+            return picture
+        self._since_surface, self._way_since_surface = 0, 0.0
+        return picture.take_surface(self._surface)
+
+    def _follow_corners(self, picture: LookedAt) -> Flow | None:
+        """How the corners of the last picture moved into this one; None where that is of another size, or none."""
+        if self._last is None or self._last.size != picture.size:
+            self._trail.forget()
+            return None
+        with self._clock.measure("motion"):
+            return self._trail.follow(self._last.small, picture.small, self._inertia.velocity_px)
+
+    def _begin_anew(self, entry: Entry, picture: LookedAt, flow: Flow | None, is_torn: bool) -> LookedAt:
+        """Lose the camera of the frame before, which corners, windows and paint may not carry on to this one, and find
+        one where it is time to search. The picture is returned with the surface on which a camera was found.
+        """
+        before, last = self._entry, self._last
+        was_followed = before is not None and before.place is not None
+        # what nothing carries on from the picture before is another shot
+        is_cut = last is not None and ((is_torn and was_followed) or picture.differs_from(last))
+        self._lose(entry, was_followed, is_cut)
+        if self._is_time_to_search(entry.index):
+            with self._clock.measure("search"):
+                picture = self._find(entry, picture)
+            place = entry.place
+            if before is not None and place is not None and place is before.place and not is_cut:
+                self._go_on(place, before, entry.head - before.head)
+        self._since_cut += 1
+        if entry.place is not None:
+            with self._clock.measure("backward"):
+                self._go_back(_Kept(entry, picture, flow))
+        return picture
 
     def _keep(self, kept: _Kept) -> None:
         """Keep a frame for the way back, unless its camera is confirmed."""
@@ -236,15 +299,13 @@ class Follower:
         entry, place, flow = later.entry, later.entry.place, later.flow
         if place is None or flow is None or later.picture.size != earlier.picture.size:
             return None
-        tripod = place.tripod
         back = Flow(flow.after, flow.before)
         motion = self._estimate_motion(place, back, later.picture, earlier.picture, entry.head, expected)
         if motion is None:
             return None
         head = entry.head + motion.change
         covariance = motion.covariance + np.diag(np.square(HEAD_SD)) * (1 + unconfirmed)
-        moved = move_of_middle(motion.change, entry.head, tripod.model, tripod.mean)
-        blur = _blur_px(moved, earlier.entry, entry)
+        blur = _blur_px(_move_px(place, entry, motion.change), earlier.entry, entry)
         look = place.look(earlier.picture, head, covariance, entry.by_common, blur)
         entry.motion = replace(motion, change=-motion.change)
         earlier.entry.place = place
@@ -271,37 +332,44 @@ class Follower:
         place = before.place
         if place is None:
             return None
-        guess = self._guess_motion(place, before)
-        expected = guess.change if self._is_moving else None
+        expected = self._inertia.guess(place, before).change if self._inertia.is_moving else None
         with self._clock.measure("motion"):
             motion = self._estimate_motion(place, flow, last, picture, before.head, expected)
         with self._clock.measure("paint"):
-            followed = None if motion is None else self._look_along(place, picture, before, entry, motion)
-            is_surprise = motion is None or self._is_surprising(place, before, motion, guess)
-            if followed is None or is_surprise or _should_show_more(followed.look):
-                # blur leaves no corners but those of players and graphics, and the paint may know better
-                guessed = self._look_along(place, picture, before, entry, guess)
-                guessed = guessed.look_again(place, picture, before.by_common)
-                may_be_better = followed is None or (is_surprise and not followed.look.is_confirmed)
-                if guessed.look.is_confirmed or may_be_better:
-                    share = GUESS_SHARE_OF_WORTH if is_surprise else 1.0 / GUESS_SHARE_OF_WORTH
-                    least = LEAST_WORTH if followed is None else share * followed.look.worth
-                    motion, followed = (guess, guessed) if guessed.look.worth > least else (motion, followed)
-        if motion is None or followed is None:
-            return None
-        if followed.reach_px > WIDE_PX * place.unit:
-            with self._clock.measure("paint"):
+            followed = self._choose_motion(place, picture, before, entry, motion)
+            if followed is not None and followed.reach_px > WIDE_PX * place.unit:
                 followed = followed.look_again(place, picture, before.by_common)
+        if followed is None:
+            return None
         look = followed.look
-        entry.place, entry.motion = place, motion
+        entry.place, entry.motion = place, followed.motion
         entry.take(look, followed.head, followed.covariance, is_followed=True)
         if entry.by_common is None:
             entry.by_common = before.by_common
         sure = look.is_confirmed and before.is_confirmed
-        self._go_on(place, before, entry.head - before.head if sure else motion.change)
+        self._go_on(place, before, entry.head - before.head if sure else followed.motion.change)
         self._unconfirmed = 0 if look.is_confirmed else self._unconfirmed + 1
         self._contradicted = self._contradicted + 1 if entry.is_contradicted else 0
         return look
+
+    def _choose_motion(
+        self, place: Place, picture: LookedAt, before: Entry, entry: Entry, motion: HeadMotion | None
+    ) -> _Followed | None:
+        """A look along the motion that was measured, or along the one that is guessed where the paint knows better:
+        blur leaves no corners but those of players and graphics. None where neither is worth following.
+        """
+        measured = None if motion is None else self._look_along(place, picture, before, entry, motion)
+        is_surprise = motion is None or self._inertia.is_surprised(place, before, motion)
+        if measured is not None and not is_surprise and not measured.should_show_more:
+            return measured
+        guessed = self._look_along(place, picture, before, entry, self._inertia.guess(place, before))
+        guessed = guessed.look_again(place, picture, before.by_common)
+        may_be_better = measured is None or (is_surprise and not measured.look.is_confirmed)
+        if not guessed.look.is_confirmed and not may_be_better:
+            return measured
+        share = GUESS_SHARE_OF_WORTH if is_surprise else 1.0 / GUESS_SHARE_OF_WORTH
+        least = LEAST_WORTH if measured is None else share * measured.look.worth
+        return guessed if guessed.look.worth > least else measured
 
     def _look_along(
         self, place: Place, picture: LookedAt, before: Entry, entry: Entry, motion: HeadMotion
@@ -309,43 +377,22 @@ class Follower:
         """Look where a motion takes the camera of the frame before."""
         head = before.head + motion.change
         covariance = motion.covariance + np.diag(np.square(HEAD_SD)) * (1 + self._unconfirmed)
-        moved = move_of_middle(motion.change, before.head, place.tripod.model, place.tripod.mean)
-        blur = _blur_px(moved, before, entry)
-        return _Followed(place.look(picture, head, covariance, before.by_common, blur), head, covariance, blur)
-
-    def _is_surprising(self, place: Place, before: Entry, motion: HeadMotion, guess: HeadMotion) -> bool:
-        """Whether a motion is far from the guess, or none where there was one: the head has inertia, players have
-        little, and graphics stand still.
-        """
-        away = np.abs(motion.change - guess.change)[1:]
-        if (away > SURPRISE * np.sqrt(np.diag(guess.covariance))[1:]).any():
-            return True
-        moved = move_of_middle(motion.change, before.head, place.tripod.model, place.tripod.mean)
-        still, moving = STANDING_PX * place.unit, GOING_PX * place.unit
-        return bool(np.hypot(*moved) < still and np.hypot(*self._velocity) > moving)
-
-    def _guess_motion(self, place: Place, before: Entry) -> HeadMotion:
-        """That the head goes on turning, and speeding up or slowing down, as it did."""
-        change = self._change + self._acceleration
-        turn = GUESS_SD_PX * place.unit / float(np.exp(before.head[0])) + GUESS_SHARE * np.abs(change[1:])
-        return HeadMotion(change, np.diag(np.square([GUESS_SD_ZOOM, *turn])), 0.0, 0)
+        blur = _blur_px(_move_px(place, before, motion.change), before, entry)
+        look = place.look(picture, head, covariance, before.by_common, blur)
+        return _Followed(motion, look, head, covariance, blur)
 
     def _go_on(self, place: Place, before: Entry, change: Array) -> None:
         """Expect the head to change as it did since the frame before."""
-        self._acceleration = change - self._change if self._is_moving else np.zeros(3)
-        self._is_moving = True
-        self._change = change
-        self._velocity = move_of_middle(change, before.head, place.tripod.model, place.tripod.mean)
+        self._inertia = self._inertia.go_on(place, before, change)
         self._since_surface += 1
-        self._way_since_surface += float(np.hypot(*self._velocity)) / place.unit
+        self._way_since_surface += float(np.hypot(*self._inertia.velocity_px)) / place.unit
 
     def _is_near_surface(self) -> bool:
         """Whether the playing surface is where it was looked for last, as far as counts."""
         return self._since_surface < GRASS_FRAMES and self._way_since_surface < GRASS_WAY_PX
 
-    def _lose(self, entry: Entry, before: Entry | None, is_cut: bool) -> None:
+    def _lose(self, entry: Entry, was_followed: bool, is_cut: bool) -> None:
         """Begin a shot, or go on in one, whose camera is not known so far."""
-        was_followed = before is not None and before.place is not None
         if was_followed or is_cut:
             self._shot += 1
             self._since_cut = 0
@@ -355,8 +402,7 @@ class Follower:
             for kept in self._behind:
                 kept.entry.forget(self._shot)
         entry.forget(self._shot)
-        self._velocity, self._change, self._acceleration = np.zeros(2), np.zeros(3), np.zeros(3)
-        self._is_moving = False
+        self._inertia = _Inertia()
         self._unconfirmed = self._contradicted = 0
 
     def _is_time_to_search(self, index: int) -> bool:
