@@ -67,9 +67,6 @@ def record_of_track(frame: TrackedFrame, frame_id: str, source: str, shot: int, 
     form : RecordForm
         What all records of the run have in common.
     """
-    accepted = frame.status == "calibrated"
-    H = None if frame.view is None else _homographies(frame.view)
-    camera = None if frame.view is None else _camera(frame, frame.view, form)
     content: dict[str, Any] = {
         "schema_version": SCHEMA_VERSION,
         "version": __version__,
@@ -77,9 +74,6 @@ def record_of_track(frame: TrackedFrame, frame_id: str, source: str, shot: int, 
         "image": {"width": frame.size[0], "height": frame.size[1]},
         "field": {"template": form.template.name, "circle": form.circle.name, "sizes": form.template.sizes},
         "status": frame.status,
-        "H_image_field": H[0] if accepted and H else None,
-        "H_field_image": H[1] if accepted and H else None,
-        "camera": camera if accepted else None,
         "seed": form.seed,
         "config_digest": form.digest,
         "track": {
@@ -88,29 +82,35 @@ def record_of_track(frame: TrackedFrame, frame_id: str, source: str, shot: int, 
             "carried_by": frame.carriers,
             "head": None if frame.head is None else _head(frame.head),
         },
+        **({} if frame.view is None else _estimate(frame, frame.view, form)),
+        **({"checks": frame.checks} if form.full else {}),
     }
-    if not accepted and H is not None:
-        content["rejected_estimate"] = {"H_image_field": H[0], "camera": camera}
-    if form.full:
-        content["checks"] = frame.checks
-        if accepted and frame.view is not None and camera is not None:
-            details = _details(frame.view, form)
-            camera["derived_points"] = details.pop("derived_points", ())
-            content |= details
     numbers = ResultRecord.model_validate_json(to_json(content, inf_nan_mode="null", fallback=_plain))
-    code = None if accepted else frame.code or "lost"
-    refusal = None if code is None else explain(code, STAGE)
-    return numbers.model_copy(
-        update={
-            "id": frame_id,
-            "source": SourceRecord(path=source, time_s=frame.time_s),
-            "code": code,
-            "stage": None if code is None else STAGE,
-            "reason": None if refusal is None else frame.reason or refusal.words,
-            "help": None if refusal is None else refusal.help,
-            **({} if frame.tripod is None else {"rig": RigRecord(camera=frame.tripod)}),
-        }
-    )
+    words: dict[str, Any] = {"id": frame_id, "source": SourceRecord(path=source, time_s=frame.time_s)}
+    if frame.tripod is not None:
+        words["rig"] = RigRecord(camera=frame.tripod)
+    return numbers.model_copy(update=words | _refusal(frame))
+
+
+def _refusal(frame: TrackedFrame) -> dict[str, Any]:
+    """Why a frame is refused; nothing of one that is answered."""
+    if frame.status == "calibrated":
+        return {}
+    code = frame.code or "lost"
+    refusal = explain(code, STAGE)
+    return {"code": code, "stage": STAGE, "reason": frame.reason or refusal.words, "help": refusal.help}
+
+
+def _estimate(frame: TrackedFrame, view: FieldView, form: RecordForm) -> dict[str, Any]:
+    """The camera of a frame and what follows from it, as its answer or as an estimate that is rejected."""
+    H_image_field, H_field_image = _homographies(view)
+    camera = _camera(frame, view, form)
+    if frame.status != "calibrated":
+        return {"rejected_estimate": {"H_image_field": H_image_field, "camera": camera}}
+    details = _details(view, form) if form.full else {}
+    if camera is not None and details:
+        camera["derived_points"] = details.pop("derived_points")
+    return {"H_image_field": H_image_field, "H_field_image": H_field_image, "camera": camera, **details}
 
 
 def _homographies(view: FieldView) -> tuple[Array, Array]:
