@@ -93,9 +93,9 @@ def record_of_track(frame: TrackedFrame, frame_id: str, source: str, shot: int, 
 
 
 def _refusal(frame: TrackedFrame) -> dict[str, Any]:
-    """Why a frame is refused; nothing of one that is answered."""
+    """Why a frame is refused; none of one that is answered."""
     if frame.status == "calibrated":
-        return {}
+        return dict.fromkeys(("code", "stage", "reason", "help"))
     code = frame.code or "lost"
     refusal = explain(code, STAGE)
     return {"code": code, "stage": STAGE, "reason": frame.reason or refusal.words, "help": refusal.help}

@@ -73,6 +73,11 @@ def test_a_lost_frame_says_why() -> None:
     assert content["track"] == {"frame": LOST_FRAMES[0], "shot": 2, "carried_by": [], "head": None}
 
 
+def test_an_answered_frame_says_that_it_has_no_reason() -> None:
+    content = json.loads(result_line(record_of(3)))
+    assert [content[name] for name in ("code", "stage", "reason", "help")] == [None] * 4
+
+
 def test_a_covariance_that_is_singular_keeps_its_spread() -> None:
     record, frame = record_of(3), tracked(3, 0.12, (1920, 1080))
     covariance, wanted = record.camera.covariance.full(), frame.view.covariance
