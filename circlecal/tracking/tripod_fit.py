@@ -17,7 +17,7 @@ from circlecal.rig.tripod import COMMON, PLACE, PaintersShare, TripodEstimate, T
 from circlecal.tracking.frame_paint import MODEL_SIGMA_PX, PART_M, HeadedFrame
 from circlecal.tracking.markings import DrawnTemplate
 from circlecal.tracking.painters import align_errors, list_errors, name_errors
-from circlecal.tracking.tripod_problem import Normal, TripodProblem, TripodState
+from circlecal.tracking.tripod_problem import TripodProblem, TripodState
 
 LOSS_SCALE = 2.0
 """Of the Geman-McClure loss, standard deviations: paint that lies further off is something else."""
@@ -148,23 +148,20 @@ def fit_tripod(
     rms, clear_rms = problem.distances(at)
     # where only noise is left it may be less than it is taken to be
     is_noise = alike == 1.0 and float(np.mean(rms)) <= MODEL_SIGMA_PX * problem.unit
-    told, spread, painters = at.normal, 1.0, None
-    if len(frames) > 1 and (is_noise or parts_m is not None):
-        spread = problem.measure_spread(at, LOSS_SCALE, PART_M if parts_m is None else parts_m)
-        told = told.scale(1.0 / (spread if is_noise else max(spread, 1.0)))
+    spread = _measure_spread(problem, at, is_noise, parts_m)
+    painters: PaintersShare | None = None
     if parts_m is not None and np.isfinite(parts_m) and name_errors(drawn):
         # what earlier frames say followed the errors, what any tripod has does not
         known = align_errors(start if prior_precision is not None else None, drawn)
         by_errors = problem.follow_errors(at, LOSS_SCALE, known)
-        left = problem.measure_spread(at, LOSS_SCALE, parts_m, by_errors) if len(frames) > 1 else 1.0
-        apart = at.normal.scale(1.0 / (left if is_noise else max(left, 1.0)))
-        covariance = _tell_covariance(problem, at, apart, sd, is_width_free)
+        left = _measure_spread(problem, at, is_noise, parts_m, by_errors)
+        covariance = _tell_covariance(problem, at, left, sd, is_width_free)
         painters = PaintersShare(covariance, list_errors(by_errors, drawn))
     estimate = replace(
         start,
         surface=replace(start.surface, crown_m=float(at.common[PLACE["crown"]])),
         mean=at.common,
-        covariance=_tell_covariance(problem, at, told, sd, is_width_free),
+        covariance=_tell_covariance(problem, at, spread, sd, is_width_free),
         head_low=at.heads.min(axis=0),
         head_high=at.heads.max(axis=0),
         used=tuple(frame.name for frame in frames),
@@ -173,14 +170,28 @@ def fit_tripod(
     return TripodFit(estimate, at.heads, rms, clear_rms, problem.cost(at), max(spread, 1.0))
 
 
-def _tell_covariance(problem: TripodProblem, at: TripodState, told: Normal, sd: Array, is_width_free: bool) -> Array:
-    """Covariance (K, K) of the common parameters, by equations in which the information counts as far as it may.
+def _measure_spread(
+    problem: TripodProblem, at: TripodState, is_noise: bool, parts_m: float | None, by_errors: Array | None = None
+) -> float:
+    """Variance by which the paint is told to be about its markings, as a share of what it is taken to have; less than 1
+    only where nothing but noise is left. Painters' errors, which the common parameters follow by ``by_errors`` (K, E),
+    are no part of it.
+    """
+    if len(problem.frames) < 2 or not (is_noise or parts_m is not None):
+        return 1.0
+    spread = problem.measure_spread(at, LOSS_SCALE, PART_M if parts_m is None else parts_m, by_errors)
+    return spread if is_noise else max(spread, 1.0)
+
+
+def _tell_covariance(problem: TripodProblem, at: TripodState, spread: float, sd: Array, is_width_free: bool) -> Array:
+    """Covariance (K, K) of the common parameters, where the paint is spread about its markings so much more than it is
+    taken to be.
 
     Where the models leave more than the noise, all is that much less certain. And where the width of the paint is
     considered, all else follows where it is broader or narrower than it is taken to be.
     """
     free = problem.free
-    reduced, _ = told.eliminate(problem.precision)
+    reduced, _ = at.normal.scale(1.0 / spread).eliminate(problem.precision)
     inverse = problem.invert(reduced)
     places = sum(len(frame.measured.marking) for frame in problem.frames) - 3 * len(problem.frames)
     covariance = np.zeros((len(COMMON), len(COMMON)))
