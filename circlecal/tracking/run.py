@@ -156,9 +156,9 @@ def tripod_facts(venue: Venue, template: FieldTemplate) -> Iterator[dict[str, An
     deviation by axis, metres), and the size of the pitch, metres.
     """
     for tripod in venue.tripods:
-        place = {
-            f"{axis}_m": [float(tripod.mean[PLACE[f"axis_{axis}"]]), tripod.sigma(f"axis_{axis}")] for axis in "xyz"
-        }
+        sds = np.sqrt(np.diag(tripod.whole_covariance))
+        at = {f"{axis}_m": PLACE[f"axis_{axis}"] for axis in "xyz"}
+        place = {name: [float(tripod.mean[k]), float(sds[k])] for name, k in at.items()}
         pitch = np.array([template.length_m, template.width_m]) + tripod.growth_m
         yield {"camera": tripod.name, "frames": len(tripod.used), **place, "pitch_m": pitch.tolist()}
 

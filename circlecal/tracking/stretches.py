@@ -83,6 +83,8 @@ class ClipRun:
         ]
         told: list[object] = [config_digest(self.config), self.sampling.seconds, self.sampling.frames, known]
         told += [self.known.paint_bgr] if self.known and self.known.paint_bgr else []
+        painters = [t.whole_covariance.tolist() for t in self.known.tripods if t.painters] if self.known else []
+        told += [painters] if painters else []
         named = digest_annotations(self.annotations)
         told += [named] if named else []
         return hashlib.sha256(json.dumps(told).encode()).hexdigest()[:12]

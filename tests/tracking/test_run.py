@@ -7,18 +7,22 @@ import json
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from circlecal.config import load_config
 from circlecal.errors import InputError
+from circlecal.field import load_field
 from circlecal.pictures.video import Sampling, Video, frame_id, frame_time
 from circlecal.records.log import OtherRunError, ResultLog
+from circlecal.rig.tripod import COMMON, PLACE, PaintersShare
 from circlecal.rig.venue import read_venue_file
 from circlecal.tracking import stretches
-from circlecal.tracking.run import run_track
+from circlecal.tracking.run import run_track, tripod_facts
 from circlecal.tracking.stretches import ClipRun, Stretch, stretches_of
 
 from . import scripted
@@ -242,6 +246,20 @@ def test_a_known_venue_is_part_of_the_digest(tmp_path, engine):
     assert run.digest != clip_run().digest
     report = run_track([open_clip(tmp_path, frames=12)], run, tmp_path / "out")
     assert report.venues["clip"] is known
+
+
+def test_what_painters_leave_open_is_part_of_the_digest_and_of_what_is_told():
+    known = scripted.survey_clip(None, 1.0, load_config())
+    (tripod,) = known.tripods
+    follows = np.zeros(len(COMMON))
+    follows[PLACE["axis_y"]] = 0.3
+    painters = PaintersShare(tripod.covariance, {"blue_line_left y": follows})
+    painted = replace(known, tripods=(replace(tripod, painters=painters),))
+    usual, other = (ClipRun(load_config(), Sampling.parse("1"), venue) for venue in (known, painted))
+    assert usual.digest != other.digest
+    (without,), (told,) = (list(tripod_facts(venue, load_field("soccer"))) for venue in (known, painted))
+    assert told["x_m"] == pytest.approx(without["x_m"]) and told["y_m"][0] == without["y_m"][0]
+    assert told["y_m"][1] == pytest.approx(np.hypot(without["y_m"][1], 0.3))
 
 
 def test_times_come_back_from_names():

@@ -29,7 +29,9 @@ def track(
     width: Annotated[int, typer.Option(min=320, max=3840, help="Width of the frames, 16:9.")] = 1280,
     profile: Annotated[
         Profile,
-        typer.Option(metavar="NAME", help="Look of the clips, as of circlecal synth; court, ice: other sports."),
+        typer.Option(
+            metavar="NAME", help="Look of the clips, as of circlecal synth; rink, court, ice, wood: other sports."
+        ),
     ] = Profile.BROADCAST,
     seed: Seed = 0,
     config: options.ConfigFile = None,
