@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -258,16 +258,16 @@ def _curve(name: str, unit: str, values: Sequence[tuple[Column, float | None]], 
 
 def _column(place: int, first: int, last: int, rows: Sequence[FrameRow]) -> Column:
     part = rows[first : last + 1]
-    codes = _codes(part)
+    codes = count_refusals(part)
     return Column(
         place,
         first,
         last,
         sum(not row.calibrated for row in part),
         codes[0][0] if codes else None,
-        _median([row.sigma_px for row in part if row.calibrated]),
-        _median([row.pan_deg for row in part]),
-        _median([row.focal_px for row in part]),
+        median_known([row.sigma_px for row in part if row.calibrated]),
+        median_known([row.pan_deg for row in part]),
+        median_known([row.focal_px for row in part]),
         any(_begins_shot(k, rows) for k in range(first, last + 1)),
     )
 
@@ -277,7 +277,8 @@ def _begins_shot(k: int, rows: Sequence[FrameRow]) -> bool:
     return k > 0 and rows[k].path == rows[k - 1].path and rows[k].shot != rows[k - 1].shot
 
 
-def _median(values: Sequence[float | None]) -> float | None:
+def median_known(values: Iterable[float | None]) -> float | None:
+    """Median of the values that are not None; None where all are."""
     known = [value for value in values if value is not None]
     return float(np.median(known)) if known else None
 
@@ -290,13 +291,14 @@ def _stretches(first: int, last: int, rows: Sequence[FrameRow]) -> list[Stretch]
         if refused and start is None:
             start = k
         elif not refused and start is not None:
-            found.append(Stretch(start, k - 1, _codes(rows[start:k])))
+            found.append(Stretch(start, k - 1, count_refusals(rows[start:k])))
             start = None
     return found
 
 
-def _codes(rows: Sequence[FrameRow]) -> tuple[tuple[str, int], ...]:
-    return tuple(Counter(row.code or "unknown" for row in rows if not row.calibrated).most_common())
+def count_refusals(rows: Iterable[FrameRow]) -> tuple[tuple[str, int], ...]:
+    """The codes of refused frames and how many frames have each, the most frequent first."""
+    return tuple(Counter(code for row in rows if (code := row.refusal_code) is not None).most_common())
 
 
 def clock(seconds: float) -> str:

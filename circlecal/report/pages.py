@@ -8,14 +8,12 @@ import os
 import re
 import shutil
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from circlecal import __version__
 from circlecal.checks import CHECKS
@@ -29,7 +27,7 @@ from circlecal.refusals import explain
 from circlecal.report.comparison import WORDS, Change, Comparison, compare, count_changes
 from circlecal.report.details import frame_details, words
 from circlecal.report.drawings import scene_of
-from circlecal.report.figures import Histogram, clock, histogram, short, timelines
+from circlecal.report.figures import Histogram, clock, count_refusals, histogram, median_known, short, timelines
 from circlecal.report.originals import Originals
 from circlecal.report.pictures import KINDS, PER_FOLDER, Media, write_file, write_media
 from circlecal.report.reading import FrameRow, StoredRun
@@ -103,11 +101,11 @@ def write_report(
     options = options or ReportOptions()
     if options.frames is not None and not is_folder(options.frames):
         raise InputError(f"{options.frames}: no such folder; give the one that the frames' pictures lie in")
-    out = _empty(run.folder / REPORT_FOLDER if out is None else out)
+    out = _clear(run.folder / REPORT_FOLDER if out is None else out)
     media: list[int] = []
     details: list[dict[str, Any]] = []
     compared: list[Comparison] = []
-    for row, (written, told, comparison) in zip(run.rows, _frames(run, out, options, against), strict=True):
+    for row, (written, told, comparison) in zip(run.rows, _write_frames(run, out, options, against), strict=True):
         media.append(int(written))
         details.append(told)
         if comparison is not None:
@@ -126,8 +124,8 @@ def write_report(
     return WrittenReport(out / PAGE_NAME, len(run.rows), pictures)
 
 
-def _empty(out: Path) -> Path:
-    """The report's folder without what an older report left in it, and marked as one."""
+def _clear(out: Path) -> Path:
+    """Make the report's folder, take away what an older report left in it, and mark it as a report's."""
     prepare_folder(out)
     page = out / PAGE_NAME
     ours = is_file(page) and MARKER.encode() in read_file(page)
@@ -140,9 +138,10 @@ def _empty(out: Path) -> Path:
 
 
 _Written = tuple[Media, dict[str, Any], Comparison | None]
+"""Which pictures of a frame were written, its details, and its comparison with the other run, if there is one."""
 
 
-def _frames(run: StoredRun, out: Path, options: ReportOptions, against: StoredRun | None) -> Iterator[_Written]:
+def _write_frames(run: StoredRun, out: Path, options: ReportOptions, against: StoredRun | None) -> Iterator[_Written]:
     """Write the files of every frame, in order: videos decoded here, one frame after the other, the rest in threads."""
     originals = Originals(run.folder, options.frames)
     workers = os.cpu_count() or 1
@@ -193,23 +192,22 @@ def _script(before: str, content: Any, after: str) -> bytes:
 
 def _listing(run: StoredRun, media: list[int], compared: list[Comparison]) -> dict[str, Any]:
     """The list of frames by columns, for the page's script."""
-    codes = [row.code or "unknown" for row in run.rows if not row.calibrated]
-    order = [code for code, _ in Counter(codes).most_common()]
-    stage = {row.code or "unknown": row.stage for row in run.rows if not row.calibrated}
-    places = {code: k for k, code in enumerate(order)}
-    columns: dict[str, list[Any]] = {name: [_round(getattr(row, name)) for row in run.rows] for name in _COLUMNS}
-    columns["code"] = [-1 if row.calibrated else places[row.code or "unknown"] for row in run.rows]
-    columns["media"] = list(media)
-    cameras = _cameras(run.rows)
-    columns["camera"] = [cameras.index(row.camera) if row.camera is not None else -1 for row in run.rows]
-    columns["gained"] = [int(row.gained) for row in run.rows]
-    columns["change"] = [int(one.change) for one in compared] or [-1] * len(run.rows)
-    columns["apart_px"] = [_round(one.apart_px) for one in compared] or [None] * len(run.rows)
-    videos = list(dict.fromkeys(row.path for row in run.rows if row.time_s is not None))
-    columns["video"] = [videos.index(row.path) if row.time_s is not None else -1 for row in run.rows]
+    rows, reasons = run.rows, list(_reasons(run.rows))
+    cameras = _cameras(rows)
+    videos = [path for path in dict.fromkeys(map(_video, rows)) if path is not None]
+    columns: dict[str, list[Any]] = {name: [_round(getattr(row, name)) for row in rows] for name in _COLUMNS}
+    columns |= {
+        "code": _places([row.refusal_code for row in rows], [reason["code"] for reason in reasons]),
+        "media": media,
+        "camera": _places([row.camera for row in rows], cameras),
+        "gained": [int(row.gained) for row in rows],
+        "change": [int(one.change) for one in compared] or [-1] * len(rows),
+        "apart_px": [_round(one.apart_px) for one in compared] or [None] * len(rows),
+        "video": _places([_video(row) for row in rows], videos),
+    }
     return {
-        "codes": [[code, found.meaning, found.help] for code in order for found in [explain(code, stage[code])]],
-        "videos": [Path(path or "").name for path in videos],
+        "codes": [[reason["code"], reason["meaning"], reason["mend"]] for reason in reasons],
+        "videos": [Path(path).name for path in videos],
         "cameras": cameras,
         "changes": [WORDS[change][0] for change in Change],
         "folder": str(run.folder),
@@ -218,6 +216,17 @@ def _listing(run: StoredRun, media: list[int], compared: list[Comparison]) -> di
         "perFolder": PER_FOLDER,
         "columns": columns,
     }
+
+
+def _places(values: Sequence[str | None], known: Sequence[str]) -> list[int]:
+    """Where each value stands among the known ones; -1 for None."""
+    place_by_value = {value: place for place, value in enumerate(known)}
+    return [-1 if value is None else place_by_value[value] for value in values]
+
+
+def _video(row: FrameRow) -> str | None:
+    """Path of the video that a frame was decoded from, empty where the record has none; None of a picture."""
+    return None if row.time_s is None else row.path or ""
 
 
 def _cameras(rows: list[FrameRow]) -> list[str]:
@@ -276,29 +285,26 @@ def _summary(rows: list[FrameRow]) -> dict[str, Any]:
         "calibrated": len(calibrated),
         "refused": len(rows) - len(calibrated),
         "share": 100.0 * len(calibrated) / len(rows),
-        "sigma_px": _median(row.sigma_px for row in calibrated),
-        "sigma_m": _median(row.sigma_m for row in calibrated),
-        "rms_px": _median(row.rms_px for row in calibrated),
-        "time_ms": _median(row.time_ms for row in rows),
+        "sigma_px": median_known(row.sigma_px for row in calibrated),
+        "sigma_m": median_known(row.sigma_m for row in calibrated),
+        "rms_px": median_known(row.rms_px for row in calibrated),
+        "time_ms": median_known(row.time_ms for row in rows),
         "gained": sum(row.gained for row in rows),
         "cases": sorted(Counter(row.case for row in calibrated if row.case is not None).items()),
     }
 
 
-def _median(values: Iterable[float | None]) -> float | None:
-    known = [value for value in values if value is not None]
-    return float(np.median(known)) if known else None
-
-
 def _reasons(rows: list[FrameRow]) -> Iterator[dict[str, Any]]:
-    refused = [row for row in rows if not row.calibrated]
-    stages = {row.code or "unknown": row.stage for row in refused}
-    for code, count in Counter(row.code or "unknown" for row in refused).most_common():
+    """Each reason for which frames were refused, the most frequent first: what it means, what helps, and how often."""
+    stages = {row.refusal_code: row.stage for row in rows}
+    counts = count_refusals(rows)
+    refused = sum(count for _, count in counts)
+    for code, count in counts:
         refusal = explain(code, stages[code])
         yield {
             "code": code,
             "count": count,
-            "share": 100.0 * count / len(refused),
+            "share": 100.0 * count / refused,
             "stage": stages[code],
             "meaning": refusal.meaning,
             "mend": refusal.help,

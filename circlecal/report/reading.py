@@ -56,6 +56,13 @@ class FrameRow:
         """Whether the frame was accepted."""
         return self.status == "calibrated"
 
+    @property
+    def refusal_code(self) -> str | None:
+        """Code of the reason for which the frame was refused, ``unknown`` where the record names none; None of an
+        accepted frame.
+        """
+        return None if self.calibrated else self.code or "unknown"
+
 
 @dataclass(slots=True)
 class StoredRun:
