@@ -162,7 +162,7 @@ def describe(told: Answer) -> dict[str, Any]:
         "rating": rate_sigma(None if camera is None else camera.max_sigma_px, told.annotation.width),
         "template": {name: runs for name, seen in drawn.items() if (runs := _runs(seen.pixels))},
         "markings": _markings(told, recognised, drawn),
-        "suggested": {str(k): name for k, name in suggestions(told, drawn).items()},
+        "suggested": {str(k): name for k, name in suggest_names(told, drawn).items()},
         "camera": None if view is None else describe_view(view),
         "sigma": None if view is None else sigma_grid(_count_from_seen(view, camera)),
         "footprint": [] if view is None else _footprint(view),
@@ -194,37 +194,40 @@ def _markings(told: Answer, recognised: dict[int, str], drawn: dict[str, SeenMar
     """Of each marking of the annotation: rms residual, residuals of few points, whether it contradicts the rest, and
     the name that it was recognised by.
     """
-    view, unit = told.found.view, told.annotation.width / 1920.0
     camera = told.found.attempt.camera
     rejected = set() if camera is None else set(camera.rejected)
     found = []
     for index, marking in enumerate(told.annotation.markings):
         name = marking.name or recognised.get(index)
-        off = None
-        if view is not None and name is not None and marking.used:
-            off = _residuals(marking, view, drawn.get(name), told.template, name)
-        rms = None if off is None else float(np.sqrt(np.mean(off**2)))
+        off = None if name is None or not marking.used else _residuals(marking, told, drawn.get(name), name)
         own = MarkingKey(name or "", marking.edge if marking.kind == "curve" else None)
-        limit = max(OFF_PX * unit, OFF_SIGMAS * float(np.median(marking.sigma)))
-        wrong = own in rejected or (off is not None and float(np.mean(off > limit)) > OFF_SHARE)
+        wrong = own in rejected or (off is not None and _is_off(off, marking, told.annotation.width / 1920.0))
         found.append(
             {
-                "rms_px": None if rms is None else _finite(rms),
+                "rms_px": None if off is None else _finite(np.sqrt(np.mean(off**2))),
                 "points_px": [_finite(v) for v in off] if off is not None and len(off) <= FEW_POINTS else None,
-                "contradicts": bool(wrong and marking.used and marking.name is not None),
+                "contradicts": wrong and marking.used and marking.name is not None,
                 "recognised": recognised.get(index),
             }
         )
     return found
 
 
-def _residuals(
-    marking: AnnotatedMarking, view: FieldView, seen: SeenMarking | None, template: FieldTemplate, name: str
-) -> Array | None:
-    """Distances (N,) of the points, or of some of them where they are many, from where the view puts the marking."""
-    points = marking.points
+def _is_off(off_px: Array, marking: AnnotatedMarking, unit: float) -> bool:
+    """Whether so many of a marking's residuals (N,) are so large that its name contradicts the rest."""
+    limit = max(OFF_PX * unit, OFF_SIGMAS * float(np.median(marking.sigma)))
+    return float(np.mean(off_px > limit)) > OFF_SHARE
+
+
+def _residuals(marking: AnnotatedMarking, told: Answer, seen: SeenMarking | None, name: str) -> Array | None:
+    """Distances (N,) of the points, or of some of them where they are many, from where the camera puts the marking;
+    None without a camera, and where that does not show the marking.
+    """
+    view, points = told.found.view, marking.points
+    if view is None:
+        return None
     if marking.kind == "point":
-        place = place_of(name, template)
+        place = place_of(name, told.template)
         return None if place is None else np.linalg.norm(points - view.project(place[None]), axis=1)
     if len(points) > FEW_POINTS:
         points = points[:: -(-len(points) // FEW_POINTS)]
@@ -256,36 +259,61 @@ def distance_to_polyline(points: Array, polyline: Array) -> Array:
     return np.asarray(np.sqrt((rest * rest).sum(axis=-1).min(axis=1)))
 
 
-def suggestions(told: Answer, drawn: dict[str, SeenMarking]) -> dict[int, str]:
-    """Names of nameless lines that lie where the camera puts a marking, by index; each where only one marking fits."""
-    view, template = told.found.view, told.template
-    if view is None or not told.is_calibrated:
+def suggest_names(told: Answer, drawn: dict[str, SeenMarking]) -> dict[int, str]:
+    """Names of nameless lines, by index: of the one named line that a line continues, or else of the one marking that
+    the camera puts there; none where several fit.
+    """
+    view, unit = told.found.view, told.annotation.width / 1920.0
+    named, nameless = _split_lines(told)
+    if view is None or not told.is_calibrated or not nameless:
         return {}
-    unit = told.annotation.width / 1920.0
-    nameless = [k for k, m in enumerate(told.annotation.markings) if m.kind == "line" and m.name is None and m.used]
-    taken = [m for m in told.annotation.markings if m.kind == "line" and m.name in template.line_by_name and m.used]
-    names = {m.name for m in taken}
-    lines = {name: seen for name, seen in drawn.items() if name in template.line_by_name and name not in names}
-    found: dict[int, str] = {}
-    if not nameless:
-        return found
+    taken = {name for name, _ in named}
+    free = {name: seen for name, seen in drawn.items() if name in told.template.line_by_name and name not in taken}
+    tolerances_px = _tolerances_px(view, free, unit)
+    found = {
+        index: _find_continued(points, named, unit) or _find_fitting(points, free, tolerances_px)
+        for index, points in nameless.items()
+    }
+    return {index: name for index, name in found.items() if name is not None}
+
+
+def _split_lines(told: Answer) -> tuple[list[tuple[str, Array]], dict[int, Array]]:
+    """The used lines of an annotation: names and points (N, 2) of those that are lines of the template, and the points
+    (N, 2) of nameless ones by index.
+    """
+    lines = [(index, m) for index, m in enumerate(told.annotation.markings) if m.kind == "line" and m.used]
+    named = [(m.name, m.points) for _, m in lines if m.name is not None and m.name in told.template.line_by_name]
+    return named, {index: m.points for index, m in lines if m.name is None}
+
+
+def _find_continued(points: Array, named: Sequence[tuple[str, Array]], unit: float) -> str | None:
+    """The one named line that a seen line (N, 2) continues; None where it continues none or several."""
+    return _only({name for name, others in named if continues(points, others, unit)})
+
+
+def _tolerances_px(view: FieldView, lines: dict[str, SeenMarking], unit: float) -> dict[str, float]:
+    """How far a seen line may lie from where the camera puts a marking, by name, px; without markings whose place is
+    too uncertain for a suggestion.
+    """
     sigmas = {name: place_sigma(view, seen) for name, seen in lines.items()}
-    for index in nameless:
-        points = told.annotation.markings[index].points
-        piece_of = {m.name for m in taken if m.name is not None and continues(points, m.points, unit)}
-        if len(piece_of) == 1:
-            found[index] = piece_of.pop()
-            continue
-        points = points[:: max(1, len(points) // FIT_SAMPLES)]
-        fitting = [
+    return {name: FIT_PX * unit + FIT_SIGMAS * sigma for name, sigma in sigmas.items() if sigma < FIT_WIDEST_PX * unit}
+
+
+def _find_fitting(points: Array, lines: dict[str, SeenMarking], tolerances_px: dict[str, float]) -> str | None:
+    """The one marking that lies within its tolerance along nine tenths of a seen line (N, 2), or None."""
+    some = points[:: max(1, len(points) // FIT_SAMPLES)]
+    return _only(
+        {
             name
-            for name, seen in lines.items()
-            if sigmas[name] < FIT_WIDEST_PX * unit
-            and np.quantile(distance_to_polyline(points, seen.pixels), 0.9) < FIT_PX * unit + FIT_SIGMAS * sigmas[name]
-        ]
-        if len(fitting) == 1:
-            found[index] = fitting[0]
-    return found
+            for name, tolerance in tolerances_px.items()
+            if np.quantile(distance_to_polyline(some, lines[name].pixels), 0.9) < tolerance
+        }
+    )
+
+
+def _only(names: set[str]) -> str | None:
+    """The name where there is just one."""
+    return next(iter(names)) if len(names) == 1 else None
 
 
 def continues(points: Array, others: Array, unit: float) -> bool:

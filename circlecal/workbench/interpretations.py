@@ -25,7 +25,14 @@ from circlecal.paint.matched_filter import CLEAR
 from circlecal.pipeline import field_of
 from circlecal.results import Agreement, CameraFit, FrameCalibration
 from circlecal.stages.confirm import look_for_markings, measure_circle_sectors
-from circlecal.workbench.answers import Answer, continues, distance_to_polyline, place_sigma, see_markings, suggestions
+from circlecal.workbench.answers import (
+    Answer,
+    continues,
+    distance_to_polyline,
+    place_sigma,
+    see_markings,
+    suggest_names,
+)
 from circlecal.workbench.measuring import MeasuredPicture
 
 LONGEST = 2
@@ -240,7 +247,7 @@ class _Search:
         if found.status != "calibrated" or camera is None or not self._are_painted(given or {}, camera):
             return None
         told = Answer(named, found, self.template, ())
-        for k, fitting in suggestions(told, see_markings(found.view, self.template)).items():
+        for k, fitting in suggest_names(told, see_markings(found.view, self.template)).items():
             names, named = names | {k: fitting}, name_marking(named, k, fitting)
         explained = sum(length_px(annotation.markings[k]) for k in names)
         seen = look_for_others(found, camera, self.measured, self.template, self.circle)

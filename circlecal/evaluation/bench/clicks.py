@@ -28,7 +28,7 @@ from circlecal.geometry.projective import Array
 from circlecal.pictures.files import PICTURE_SUFFIXES, PictureFile, read_image
 from circlecal.pipeline import field_of
 from circlecal.synthetic.sampling import SceneProfile, render_frame
-from circlecal.workbench.answers import Answer, answer, describe, distance_to_polyline, see_markings, suggestions
+from circlecal.workbench.answers import Answer, answer, describe, distance_to_polyline, see_markings, suggest_names
 from circlecal.workbench.frames import state_of
 from circlecal.workbench.interpretations import interpret, name_marking
 from circlecal.workbench.measuring import (
@@ -253,7 +253,7 @@ def _tries(
     """What can be done next, the fewest clicks first."""
     template, _ = field_of(config)
     if told.is_calibrated:
-        fitting = suggestions(told, see_markings(told.found.view, template))
+        fitting = suggest_names(told, see_markings(told.found.view, template))
         if fitting:
             named = annotation
             for index, name in fitting.items():
