@@ -11,6 +11,7 @@ from circlecal.geometry.ellipses import Ellipse
 from circlecal.geometry.projective import Array
 from circlecal.observations import CircleEdge, MarkingKey
 from circlecal.records.parts import (
+    DerivedPointRecord,
     EllipseRecord,
     EstimateRecord,
     InliersRecord,
@@ -18,6 +19,7 @@ from circlecal.records.parts import (
     Number,
     RegionRecord,
     ResidualsRecord,
+    as_array,
 )
 from circlecal.records.record import ResultRecord
 from circlecal.results import (
@@ -43,9 +45,7 @@ def calibration_of_record(record: ResultRecord) -> FrameCalibration:
 
     A refused frame has the estimate that the verdict did not trust.
     """
-    estimate = EstimateRecord(H_image_field=record.H_image_field, camera=record.camera)
-    if record.status != "calibrated":
-        estimate = record.rejected_estimate or EstimateRecord()
+    estimate = _estimate(record)
     camera = _camera(record, estimate)
     checks = tuple(
         Check(check.name, _number(check.value), _number(check.limit), check.passed) for check in record.checks
@@ -73,9 +73,16 @@ def calibration_of_record(record: ResultRecord) -> FrameCalibration:
     )
 
 
-def _array(value: Any) -> Array:
-    """Numbers of a record; null, which stands for what is not finite, becomes nan."""
-    return np.array(value, dtype=np.float64)
+def _estimate(record: ResultRecord) -> EstimateRecord:
+    """The estimate of an accepted frame, or the one that the verdict did not trust."""
+    if record.status != "calibrated":
+        return record.rejected_estimate or EstimateRecord()
+    return EstimateRecord(H_image_field=record.H_image_field, camera=record.camera)
+
+
+def _array_or(value: Any, missing: Any) -> Array:
+    """Numbers of a record, or what stands for them where it has none."""
+    return as_array(missing if value is None else value)
 
 
 def _number(value: Number) -> float:
@@ -83,56 +90,66 @@ def _number(value: Number) -> float:
 
 
 def _camera(record: ResultRecord, estimate: EstimateRecord) -> CameraFit | None:
-    keys, H_image_field = estimate.camera, estimate.H_image_field
-    view = None if keys is None or record.image is None else keys.pinhole(record.image)
-    known = None if keys is None else keys.covariance
-    if keys is None or view is None or H_image_field is None or known is None:
+    """The camera of an estimate with what the record says of its fit; None where the record lacks a part of it."""
+    keys = estimate.camera
+    if keys is None or record.image is None or estimate.H_image_field is None or keys.covariance is None:
         return None
+    camera = keys.pinhole(record.image)
+    if camera is None:
+        return None
+    known, H_image_field = keys.covariance, as_array(estimate.H_image_field)
     residuals = record.residuals_px or ResidualsRecord()
     return CameraFit(
-        camera=view,
+        camera=camera,
         surface=keys.surface,
         parameters=PARAMETERS if known.is_known else known.parameters,
-        covariance=known.full() if known.is_known else _array(known.matrix),
-        H_image_field=_array(H_image_field),
-        H_field_image=_array(record.H_field_image or np.linalg.inv(_array(H_image_field))),
-        H_covariance=np.full((8, 8), np.nan) if record.H_covariance is None else _array(record.H_covariance),
-        imaged_center_px=_array(record.imaged_center or (np.nan, np.nan)),
-        imaged_center_covariance=_array(record.imaged_center_covariance or np.full((2, 2), np.nan)),
+        covariance=known.full() if known.is_known else as_array(known.matrix),
+        H_image_field=H_image_field,
+        H_field_image=_inverse(record, H_image_field),
+        H_covariance=_array_or(record.H_covariance, np.full((8, 8), np.nan)),
+        imaged_center_px=_array_or(record.imaged_center, (np.nan, np.nan)),
+        imaged_center_covariance=_array_or(record.imaged_center_covariance, np.full((2, 2), np.nan)),
         noise_scale=_number(keys.noise_scale),
         data_share=_number(keys.data_share),
         max_sigma_px=_number(keys.max_sigma_px),
         max_sigma_m=_number(keys.max_sigma_m),
         residuals_px={MarkingKey.parse(name): _number(value) for name, value in (residuals.camera or {}).items()},
-        point_residuals_px={MarkingKey.parse(name): _array(off) for name, off in (residuals.points or {}).items()},
-        theta=known.theta() if known.is_known else _array(known.estimate),
+        point_residuals_px={MarkingKey.parse(name): as_array(off) for name, off in (residuals.points or {}).items()},
+        theta=known.theta() if known.is_known else as_array(known.estimate),
         residual_correlation=_number(keys.residual_correlation),
-        derived_points=tuple(
-            DerivedPoint(p.label, _array(p.field_m), _array(p.image_px), _array(p.covariance))
-            for p in keys.derived_points
-        ),
+        derived_points=tuple(map(_circle_point, keys.derived_points)),
         rejected=tuple(map(MarkingKey.parse, keys.rejected_observations)),
         named_lines=tuple(keys.named_lines),
-        reference_m=_array(keys.reference_m or (0.0, 0.0)),
-        reference_by_growth=_array(keys.reference_by_growth or (0.0, 0.0)),
+        reference_m=_array_or(keys.reference_m, (0.0, 0.0)),
+        reference_by_growth=_array_or(keys.reference_by_growth, (0.0, 0.0)),
         field_size=None if keys.field_size is None else FieldSize(**keys.field_size.model_dump()),
         region=None if record.region is None else _region(record.region),
     )
 
 
+def _inverse(record: ResultRecord, H_image_field: Array) -> Array:
+    """The way from the picture to the field, which a record has only of an accepted frame."""
+    return as_array(np.linalg.inv(H_image_field) if record.H_field_image is None else record.H_field_image)
+
+
+def _circle_point(point: DerivedPointRecord) -> DerivedPoint:
+    return DerivedPoint(point.label, as_array(point.field_m), as_array(point.image_px), as_array(point.covariance))
+
+
 def _region(region: RegionRecord) -> HomographyRegion:
     return HomographyRegion(
-        _array(region.field_m), _array(region.image_px), _array(region.covariance), region.directions
+        as_array(region.field_m), as_array(region.image_px), as_array(region.covariance), region.directions
     )
 
 
 def _homography(record: ResultRecord, H_image_field: Matrix | None) -> HomographyFit | None:
     if H_image_field is None:
         return None
-    H, inverse = _array(H_image_field), _array(np.linalg.inv(_array(H_image_field)))
+    H = as_array(H_image_field)
+    inverse = as_array(np.linalg.inv(H))
     turned = next((a.H_image_field for a in record.alternatives if a.kind == "turned_field"), H_image_field)
-    residuals = _array((record.residuals_px and record.residuals_px.homography) or [])
-    return HomographyFit(H, inverse, _array(turned), residuals, condition=np.nan, null_ratio=np.nan)
+    residuals = as_array((record.residuals_px and record.residuals_px.homography) or [])
+    return HomographyFit(H, inverse, as_array(turned), residuals, condition=np.nan, null_ratio=np.nan)
 
 
 def _ellipses(record: ResultRecord) -> EllipseFits | None:
@@ -149,13 +166,13 @@ def _ellipses(record: ResultRecord) -> EllipseFits | None:
 def _ellipse(edge: CircleEdge, keys: EllipseRecord | None, inliers: InliersRecord | None) -> EllipseFit | None:
     if keys is None:
         return None
-    points = _array(inliers.points_px if inliers else []).reshape(-1, 2)
-    axes = _array(keys.semi_axes_px)
+    points = as_array(inliers.points_px if inliers else []).reshape(-1, 2)
+    axes = as_array(keys.semi_axes_px)
     return EllipseFit(
         edge=edge,
-        conic=_array(keys.conic),
-        covariance=_array(keys.covariance),
-        ellipse=Ellipse(_array(keys.center_px), (axes[0], axes[1]), np.radians(_number(keys.angle_degrees))),
+        conic=as_array(keys.conic),
+        covariance=as_array(keys.covariance),
+        ellipse=Ellipse(as_array(keys.center_px), (axes[0], axes[1]), np.radians(_number(keys.angle_degrees))),
         method=keys.method or "",
         points_px=points,
         sigma_px=np.full(len(points), np.nan),
@@ -172,13 +189,15 @@ def _correspondences(record: ResultRecord) -> Correspondences | None:
         return None
     return Correspondences(
         case=record.case,
-        conic=_array(keys.conic),
+        conic=as_array(keys.conic),
         radius_m=_number(keys.radius_m),
-        imaged_center=np.append(_array(center), 1.0),
+        imaged_center=np.append(as_array(center), 1.0),
         center_source=record.imaged_center_source or "",
-        vanishing_line=_array(record.vanishing_line),
+        vanishing_line=as_array(record.vanishing_line),
         points=tuple(
-            PointCorrespondence(p.label, _array(p.field_m), _array(p.image_px), p.sigma_px) for p in keys.points
+            PointCorrespondence(p.label, as_array(p.field_m), as_array(p.image_px), p.sigma_px) for p in keys.points
         ),
-        tangents=tuple(LineCorrespondence(t.label, _array(t.field_line), _array(t.image_line)) for t in keys.tangents),
+        tangents=tuple(
+            LineCorrespondence(t.label, as_array(t.field_line), as_array(t.image_line)) for t in keys.tangents
+        ),
     )
