@@ -235,6 +235,11 @@ class FieldTemplate(BaseModel):
         return self
 
     @property
+    def sport_name(self) -> str:
+        """The sport; a template that names none is one of its own."""
+        return self.sport or self.name
+
+    @property
     def extents(self) -> tuple[Extent, Extent]:
         """Length and width, with what the rules allow."""
         return Extent(self.length_m, self.length_range_m), Extent(self.width_m, self.width_range_m)

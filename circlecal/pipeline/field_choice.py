@@ -136,7 +136,7 @@ def _try_others(
     """
     for group in _group_by_ground(config.field.among[1:], grounds):
         for name in group:
-            sport = _sport_of(name)
+            sport = load_field(name).sport_name
             if any(answer.is_settled and answer.candidate.sport != sport for answer in answers):
                 continue
             is_sibling = any(answer.candidate.sport == sport for answer in answers)
@@ -248,16 +248,10 @@ def choose_answer(answers: Sequence[Answer]) -> FrameCalibration:
     return replace(found, attempt=refuse_as_open(found.attempt, "field_open"))
 
 
-def _sport_of(name: str) -> str:
-    """The sport of a template; a template that names none is one of its own."""
-    template = load_field(name)
-    return template.sport or template.name
-
-
 def candidate_of(found: FrameCalibration) -> FieldCandidate:
     """A calibration as one of the fields that a frame may show, before it is weighed."""
     template = found.template
-    sport = found.field_name if template is None else template.sport or template.name
+    sport = found.field_name if template is None else template.sport_name
     camera = found.attempt.camera
     sigma = None if camera is None else camera.max_sigma_px
     return FieldCandidate(

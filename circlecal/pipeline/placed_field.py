@@ -88,14 +88,29 @@ ALIKE_WIDTHS = 0.02
 
 
 @dataclass(frozen=True, slots=True)
+class _Answer:
+    """An attempt whose camera a placement led to, and what speaks for that camera."""
+
+    weighed: ViewEvidence
+    attempt: Attempt
+
+    @property
+    def weight(self) -> float:
+        """Evidence for the camera, picture widths, times the root of the number of markings that carry it: a circle and
+        a line fit a wrong camera as well as the right one, many markings do not.
+        """
+        return self.weighed.evidence * float(np.sqrt(max(1, count_carrying(self.attempt))))
+
+
+@dataclass(frozen=True, slots=True)
 class _Followed:
-    """A placement that was followed: the paint on which it was found, where it shows the field, and the camera it led
-    to with what speaks for it; None where it led to none that may be right.
+    """A placement that was followed: the paint on which it was found, where it shows the field, and the answer it led
+    to; None where it led to none that may be right.
     """
 
     paint: SeenPaint
     view: FieldView
-    answer: tuple[ViewEvidence, Attempt] | None
+    answer: _Answer | None
 
 
 def _may_place_field(setting: Setting, first: Attempt) -> bool:
@@ -115,7 +130,7 @@ def place_template(setting: Setting, scene: Scene, first: Attempt) -> Iterator[A
     """
     mask, tried, followed = first.mask, set[tuple[object, ...]](), list[_Followed]()
     # a field of other sizes of the same sport lies where the first one does
-    sport = "laid", setting.template.sport or setting.template.name
+    sport = "laid", setting.template.sport_name
     laid = scene.looks.recall(sport)
     for rank, seen in enumerate(() if mask is None else (mask, *mask.sightings)):
         if not has_circle(seen):
@@ -181,7 +196,7 @@ def _find_placements(setting: Setting, scene: Scene, paint: SeenPaint) -> list[P
     """
     template, side, size = setting.template, setting.config.correspondences.camera_side, (setting.width, setting.height)
     # a field of other sizes of the same sport lies where the first one does
-    key = ("placements", template.sport or template.name, side, *paint.key)
+    key = ("placements", template.sport_name, side, *paint.key)
     rough = scene.looks.once(key, lambda: search_placements(paint, size, template, side))
     placements = [] if rough is None else refine_placements(rough, paint, size, template)
     if not placements:
@@ -209,7 +224,7 @@ def _follow_likely(
         answer = None
         if attempt is not None and attempt.camera is not None:
             weighed = weigh_view(attempt.camera.view, setting.template, paint)
-            answer = (weighed, attempt) if _may_be_right(setting, weighed, attempt, placed) else None
+            answer = _Answer(weighed, attempt) if _may_be_right(setting, weighed, attempt, placed) else None
         followed.append(_Followed(paint, placed.view, answer))
     return followed
 
@@ -229,41 +244,55 @@ def _choose_answer(
     on this surface before; None where such a one outweighs it, and where none is believed with the evidence that is
     usually enough, times a factor.
     """
-    template = setting.template
-    answers = [other.answer for other in followed if other.answer is not None]
-    answers.sort(key=lambda answer: -_weigh_answer(*answer))
-    if not answers or not (_is_believed(answers[0][0], factor) or _is_precise(setting, *answers[0])):
+    answers, before = _sort_answers(followed), _sort_answers(earlier)
+    if not answers:
         return None
-    (weighed, best), others = answers[0], answers[1:]
-    if _count_telling(best, template) < FEWEST_CARRYING:
-        if not _is_circle_told(setting, followed[0].paint, weighed, best):
-            return None
-        best = add_checks(best, Check(CIRCLE_TOLD, 1.0, 1.0, True))
-    before = [other.answer for other in earlier if other.answer is not None]
-    if any(_weigh_answer(*other) > _weigh_answer(weighed, best) for other in before):
+    chosen = answers[0]
+    if not (_is_believed(chosen.weighed, factor) or _is_precise(setting, chosen.weighed, chosen.attempt)):
         return None
-    others += before
-    if weighed.bare_widths <= MOST_BARE:
-        others = [other for other in others if other[0].bare_widths <= MOST_BARE]
-    others.sort(key=lambda answer: -_weigh_answer(*answer))
-    weight = _weigh_answer(weighed, best)
-    found = [
-        (weight / _weigh_answer(other, attempt), Rival(attempt.circle_name or "", attempt.camera, other.evidence))
-        for other, attempt in others
-        if attempt.camera is not None
-        and _weigh_answer(other, attempt) * LISTED_RATIO > weight
-        and best.camera is not None
-        and not _are_alike(setting, best.camera, attempt.camera)
-    ]
-    ratios, rivals = tuple(ratio for ratio, _ in found), tuple(rival for _, rival in found)
+    is_told = _count_telling(chosen.attempt, setting.template) >= FEWEST_CARRYING
+    if not is_told and not _is_circle_told(setting, followed[0].paint, chosen.weighed, chosen.attempt):
+        return None
+    if before and before[0].weight > chosen.weight:
+        return None
+    best = chosen.attempt if is_told else add_checks(chosen.attempt, Check(CIRCLE_TOLD, 1.0, 1.0, True))
+    return _judge_beside(best, chosen.weighed, _find_rivals(setting, chosen, [*answers[1:], *before]))
+
+
+def _sort_answers(followed: Sequence[_Followed]) -> list[_Answer]:
+    """The answers that placements led to, the one of most weight first."""
+    return sorted((one.answer for one in followed if one.answer is not None), key=lambda answer: -answer.weight)
+
+
+def _find_rivals(setting: Setting, chosen: _Answer, others: Sequence[_Answer]) -> list[tuple[float, Rival]]:
+    """Other answers that come near the chosen one, the nearest first, and how many times as much the chosen one weighs.
+
+    One that finds a marking without its paint comes near none that finds all of them painted.
+    """
+    camera = chosen.attempt.camera
+    most_bare = MOST_BARE if chosen.weighed.bare_widths <= MOST_BARE else np.inf
+    found = []
+    for other in sorted(others, key=lambda answer: -answer.weight):
+        seen = other.attempt.camera
+        is_near = other.weight * LISTED_RATIO > chosen.weight and other.weighed.bare_widths <= most_bare
+        if is_near and camera is not None and seen is not None and not _are_alike(setting, camera, seen):
+            rival = Rival(other.attempt.circle_name or "", seen, other.weighed.evidence)
+            found.append((chosen.weight / other.weight, rival))
+    return found
+
+
+def _judge_beside(best: Attempt, weighed: ViewEvidence, rivals: Sequence[tuple[float, Rival]]) -> Attempt:
+    """An attempt with its rivals and the checks of a placed field, refused as open where the first of them comes
+    near it by the ratio of their weights.
+    """
     least = LEAST_SHARE if weighed.found_share >= LEAST_SHARE else 0.0
-    best = add_checks(replace(best, rivals=rivals), Check("found_share", weighed.found_share, least, True))
-    if rivals:
-        check = Check.of("rival_ratio", ratios[0], RIVAL_RATIO)
-        best = add_checks(best, check)
-        if not check.passed:
-            best = refuse_as_open(best, "circle_open")
-    return best
+    best = replace(best, rivals=tuple(rival for _, rival in rivals))
+    best = add_checks(best, Check("found_share", weighed.found_share, least, True))
+    if not rivals:
+        return best
+    check = Check.of("rival_ratio", rivals[0][0], RIVAL_RATIO)
+    best = add_checks(best, check)
+    return best if check.passed else refuse_as_open(best, "circle_open")
 
 
 def _are_alike(setting: Setting, camera: CameraFit, other: CameraFit) -> bool:
@@ -286,13 +315,6 @@ def _is_worth_following(setting: Setting, placed: PlacedField, paint: SeenPaint,
 def _has_wandered(weighed: ViewEvidence, placed: PlacedField) -> bool:
     """Whether a camera found so much more paint than the placement that it comes from that it lies on other paint."""
     return weighed.evidence > WANDERED_TIMES * max(0.0, placed.evidence) + WANDERED_WIDTHS
-
-
-def _weigh_answer(weighed: ViewEvidence, attempt: Attempt) -> float:
-    """Evidence for a camera, picture widths, times the root of the number of markings that carry it: a circle and a
-    line fit a wrong camera as well as the right one, many markings do not.
-    """
-    return weighed.evidence * float(np.sqrt(max(1, count_carrying(attempt))))
 
 
 def _is_circle_told(setting: Setting, paint: SeenPaint, weighed: ViewEvidence, attempt: Attempt) -> bool:

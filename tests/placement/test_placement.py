@@ -22,9 +22,9 @@ from circlecal.pipeline.placed_field import (
     OTHER_SIGHTING,
     PRECISE_MARKINGS,
     RIVAL_RATIO,
+    _Answer,
     _is_believed,
     _is_precise,
-    _weigh_answer,
 )
 from circlecal.pipeline.placed_view import LARGEST_RESIDUAL_PX, _leave_out_stray_markings
 from circlecal.pipeline.template_markings import measure_template
@@ -343,9 +343,8 @@ def test_many_markings_at_their_exact_places_are_evidence_where_paint_is_faint()
 def test_a_camera_that_carries_more_markings_weighs_more():
     """A circle and a blue line fit a wrong camera as well as five markings the right one."""
     many, few = (_fit_of({str(k): 0.3 for k in range(count)}) for count in (5, 2))
-    assert _weigh_answer(ViewEvidence(0.69, 0.8, 0.4), many) > RIVAL_RATIO * _weigh_answer(
-        ViewEvidence(0.57, 0.8, 0.4), few
-    )
+    heavy, light = _Answer(ViewEvidence(0.69, 0.8, 0.4), many), _Answer(ViewEvidence(0.57, 0.8, 0.4), few)
+    assert heavy.weight > RIVAL_RATIO * light.weight
 
 
 def test_the_few_markings_that_lie_farthest_are_left_out_of_the_fit(monkeypatch):
@@ -391,7 +390,7 @@ def _choose(answers, earlier=(), circle=None):
     def follow(evidence, camera, markings):
         attempt = _fit_of(dict.fromkeys(markings, 0.1))
         attempt = replace(attempt, camera=replace(attempt.camera, camera=camera), circle_name=circle)
-        return placed_field._Followed(Paint("seen"), FieldView(camera), (evidence, attempt))
+        return placed_field._Followed(Paint("seen"), FieldView(camera), _Answer(evidence, attempt))
 
     now, before = ([follow(*given) for given in part] for part in (answers, earlier))
     return placed_field._choose_answer(setting, now, before, 1.0)

@@ -110,7 +110,7 @@ def _run_frame(name: str, picture: Path, truth: dict[str, Any], config: Config) 
         kept = alone.status == found.status and (found.status == "refused" or found.field_name == usual.name)
     template = found.template or usual
     likely = None if found.sport is None else found.sport.name
-    told = (template.sport or template.name) if found.status == "calibrated" else likely
+    told = template.sport_name if found.status == "calibrated" else likely
     return SportFrame(
         name,
         sport,
