@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -86,6 +86,28 @@ class Rig:
         return shared_prior(self.problem, self.state, None, theta)
 
 
+@dataclass(frozen=True, slots=True)
+class _Group:
+    """Frames that one camera may have taken.
+
+    Attributes
+    ----------
+    name : str
+        Of the camera.
+    frames : tuple of RigFrame
+        The frames.
+    turned : tuple of bool
+        Whether each has to be turned by 180 degrees to agree with the others.
+    beside : int or None
+        Place of the rig that left these frames out; None for frames that were in no rig before.
+    """
+
+    name: str
+    frames: tuple[RigFrame, ...]
+    turned: tuple[bool, ...]
+    beside: int | None = None
+
+
 def estimate_rigs(
     frames: Sequence[RigFrame],
     template: FieldTemplate,
@@ -113,29 +135,46 @@ def estimate_rigs(
     known = [f for f in frames if f.theta is not None and f.covariance is not None and f.observations is not None]
     rigs: list[Rig] = []
     groups = _group_frames(known, config, cameras)
-    beside: dict[str, int] = {}
     while groups:
-        chosen = [(name, members, _select_best(members, turned, config)) for name, members, turned in groups]
-        wanted = {frame.id for _, _, best in chosen for frame, _ in best}
+        best = [_select_best(group, config) for group in groups]
+        wanted = {frame.id for group in best for frame in group.frames}
         full = read_frames(wanted) if read_frames is not None else {frame.id: frame for frame in known}
-        groups = []
-        for name, members, best in chosen:
-            rig = _estimate_rig(name, [full[f.id] for f, _ in best], [t for _, t in best], template, circle, config)
-            if rig is None:
-                continue
-            if name in beside and _stand_together(rig, rigs[beside[name]], config):
-                rigs[beside[name]] = _choose_larger(rigs[beside[name]], rig)
-                continue
-            rigs.append(replace(rig, members=tuple(f.id for f in members)))
-            # cameras that stand side by side were one group; those that were left out may be another one
-            rest = [f for f in members if f.id in rig.left_out]
-            if cameras is None and len(rest) >= config.rig.least_frames:
-                groups.append((name, rest, [False] * len(rest)))
-                beside[name] = len(rigs) - 1
-    if cameras is not None:
-        return rigs
-    rigs.sort(key=lambda rig: len(rig.members) - len(rig.left_out), reverse=True)
-    return [replace(rig, name=f"camera-{number}") for number, rig in enumerate(rigs, start=1)]
+        estimates = [_estimate_rig(_fill_group(group, full), template, circle, config) for group in best]
+        rigs, rest = _join_rigs(rigs, groups, estimates, config)
+        # cameras that stand side by side were one group; those that were left out may be another one
+        groups = rest if cameras is None else []
+    return _number_rigs(rigs) if cameras is None else rigs
+
+
+def _fill_group(group: _Group, full: Mapping[str, RigFrame]) -> _Group:
+    """A group whose frames have what was seen of them."""
+    return replace(group, frames=tuple(full[frame.id] for frame in group.frames))
+
+
+def _join_rigs(
+    rigs: Sequence[Rig], groups: Sequence[_Group], estimates: Sequence[Rig | None], config: Config
+) -> tuple[list[Rig], list[_Group]]:
+    """The rigs with those that were estimated of groups, and the groups of frames that these left out, where there are
+    enough of them; of two rigs of one camera the larger one stays.
+    """
+    joined, rest = list(rigs), list[_Group]()
+    for group, rig in zip(groups, estimates, strict=True):
+        if rig is None:
+            continue
+        if group.beside is not None and _stand_together(rig, joined[group.beside], config):
+            joined[group.beside] = _choose_larger(joined[group.beside], rig)
+            continue
+        left_out = tuple(frame for frame in group.frames if frame.id in rig.left_out)
+        if len(left_out) >= config.rig.least_frames:
+            rest.append(_Group(group.name, left_out, (False,) * len(left_out), len(joined)))
+        joined.append(replace(rig, members=tuple(frame.id for frame in group.frames)))
+    return joined, rest
+
+
+def _number_rigs(rigs: Sequence[Rig]) -> list[Rig]:
+    """Rigs with the most frames first, named in this order."""
+    ordered = sorted(rigs, key=lambda rig: len(rig.members) - len(rig.left_out), reverse=True)
+    return [replace(rig, name=f"camera-{number}") for number, rig in enumerate(ordered, start=1)]
 
 
 def _choose_larger(first: Rig, rest: Rig) -> Rig:
@@ -157,50 +196,50 @@ def _stand_together(first: Rig, second: Rig, config: Config) -> bool:
     return bool(apart @ np.linalg.solve(spread, apart) < chdtri(3, 1.0 - SAME_CAMERA))
 
 
-def _select_best(members: Sequence[RigFrame], turned: Sequence[bool], config: Config) -> list[tuple[RigFrame, bool]]:
-    """The frames of a group that are estimated together, and whether each has to be turned: of the usual size."""
-    sizes = [f.size for f in members]
+def _select_best(group: _Group, config: Config) -> _Group:
+    """The frames of a group that are estimated together: of the usual size."""
+    sizes = [frame.size for frame in group.frames]
     size = max(set(sizes), key=sizes.count)
-    same = [(f, t) for f, t in zip(members, turned, strict=True) if f.size == size]
-    return [same[k] for k in select_frames([f for f, _ in same], config.rig.maximum_frames)]
+    alike = [k for k, own in enumerate(sizes) if own == size]
+    best = [alike[k] for k in select_frames([group.frames[k] for k in alike], config.rig.maximum_frames)]
+    return _choose_members(group.name, group.frames, group.turned, best)
 
 
-def _group_frames(
-    frames: Sequence[RigFrame], config: Config, cameras: Mapping[str, str] | None
-) -> list[tuple[str, list[RigFrame], list[bool]]]:
-    """Name, frames, and whether each has to be turned, of every group that is large enough."""
+def _choose_members(name: str, frames: Sequence[RigFrame], turned: Sequence[bool], chosen: Iterable[int]) -> _Group:
+    """The group of the frames with these places."""
+    members = [(frames[k], turned[k]) for k in chosen]
+    return _Group(name, tuple(frame for frame, _ in members), tuple(turn for _, turn in members))
+
+
+def _group_frames(frames: Sequence[RigFrame], config: Config, cameras: Mapping[str, str] | None) -> list[_Group]:
+    """Every group that is large enough, by the names of cameras where they are known, or else by where these stand."""
     least = config.rig.least_frames
     if cameras is not None:
-        by_name: dict[str, list[RigFrame]] = {}
-        for frame in frames:
+        places_by_name: dict[str, list[int]] = {}
+        for place, frame in enumerate(frames):
             if frame.id in cameras:
-                by_name.setdefault(cameras[frame.id], []).append(frame)
-        return [(name, own, [False] * len(own)) for name, own in by_name.items() if len(own) >= least]
+                places_by_name.setdefault(cameras[frame.id], []).append(place)
+        unturned = [False] * len(frames)
+        named = [(name, places) for name, places in places_by_name.items() if len(places) >= least]
+        return [_choose_members(name, frames, unturned, places) for name, places in named]
     if not frames:
         return []
     theta = np.array([f.theta for f in frames])
-    covariance = np.array([f.covariance for f in frames])[:, 4:7, 4:7]
-    groups, turned = group_positions(theta[:, 4:7], covariance + config.rig.same_position_m**2 * np.eye(3), least)
+    covariance = np.array([f.covariance for f in frames])[:, POSITION, POSITION]
+    numbers, turned = group_positions(theta[:, POSITION], covariance + config.rig.same_position_m**2 * np.eye(3), least)
     return [
-        (f"camera-{number + 1}", [frames[int(k)] for k in chosen], [bool(turned[k]) for k in chosen])
-        for number in range(groups.max() + 1)
-        for chosen in [np.flatnonzero(groups == number)]
+        _choose_members(f"camera-{number + 1}", frames, turned.tolist(), np.flatnonzero(numbers == number).tolist())
+        for number in range(numbers.max() + 1)
     ]
 
 
-def _estimate_rig(
-    name: str,
-    frames: Sequence[RigFrame],
-    turned: Sequence[bool],
-    template: FieldTemplate,
-    circle: Circle,
-    config: Config,
-) -> Rig | None:
+def _estimate_rig(group: _Group, template: FieldTemplate, circle: Circle, config: Config) -> Rig | None:
     """The joint fit of frames of a camera, without those that do not fit; None where too few are left.
 
     The field has the size for which there is the most evidence. Of a field that they show to be flat, the marks lie on
     even ground, unless too few of them agree there.
     """
+    frames, turned = group.frames, group.turned
     thetas = np.array([frame.turn_field() if turn else frame.theta for frame, turn in zip(frames, turned, strict=True)])
 
     def fit(options: Config, size: Size) -> Rig | None:
@@ -209,7 +248,7 @@ def _estimate_rig(
             problem_of_frame(f, theta, template, circle, options, turned=turn, field_size=size)
             for f, theta, turn in seen
         ]
-        return _fit_problems(name, frames, problems, thetas, options)
+        return _fit_problems(group.name, frames, problems, thetas, options)
 
     shares = _possible_sizes(thetas, template, config)
     found = {size: rig for size in shares if (rig := fit(config, size)) is not None}

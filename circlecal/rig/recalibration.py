@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtri
 
-from circlecal.camera.problem import evaluate
+from circlecal.camera.problem import Problem, evaluate
 from circlecal.camera.residuals import sample_feet
 from circlecal.config import Config
 from circlecal.field import Circle, FieldTemplate
@@ -36,11 +36,12 @@ class Recalibration:
 
 @dataclass(frozen=True, slots=True)
 class _Trial:
-    """A frame as one camera explains it."""
+    """A frame as one camera explains it: the calibration and its cost, or why it is not taken."""
 
     rig: Rig
-    calibration: FrameCalibration
+    calibration: FrameCalibration | None
     cost: float
+    reason: str | None
 
 
 def recalibrate(
@@ -70,30 +71,58 @@ def recalibrate(
     camera : str, optional
         Name of the camera that took it; any may have where None.
     """
-    own = [rig for rig in rigs if frame.id in rig.members and frame.id not in rig.left_out]
-    tried = own or [rig for rig in rigs if camera is None or rig.name == camera]
+    tried = _choose_rigs(frame, rigs, camera)
     if not tried:
         return Recalibration(None, None, "no camera is known for it")
-    alone = None if frame.theta is None else _cost(frame, frame.theta, template, circle, config, scale_of=frame)
-    trials, reasons = [], []
-    for rig in tried:
-        found = calibrate(config_with_prior(config, rig.prior(frame.id, frame.theta), rig.size[0]))
-        reason = find_refusal(found, frame, rig)
-        if reason is not None or found is None or found.attempt.camera is None:
-            reasons.append(reason or "it cannot be calibrated again")
-            continue
-        seen = frame_of_calibration(found)
-        cost = _cost(seen, found.attempt.camera.theta, template, circle, config, scale_of=frame)
-        if frame.id not in rig.used and alone is not None and cost - alone > config.rig.maximum_chi_square_increase:
-            reasons.append(f"it fits {rig.name} much worse than a camera of its own")
-            continue
-        trials.append(_Trial(rig, found, cost))
-    if not trials:
-        return Recalibration(None, None, reasons[0])
-    trials.sort(key=lambda trial: trial.cost)
-    if len(trials) > 1 and trials[1].cost - trials[0].cost < DECISIVE:
-        return Recalibration(None, None, f"{trials[0].rig.name} and {trials[1].rig.name} explain it equally well")
-    return Recalibration(trials[0].calibration, trials[0].rig, None)
+    alone = None if frame.theta is None else problem_of_frame(frame, frame.theta, template, circle, config)
+    cost_alone = np.inf if alone is None or frame.theta is None else _cost(alone, frame.theta)
+
+    def weigh(found: FrameCalibration, theta: Array) -> float:
+        """Cost of a calibration, with the standard deviations that the frame asks for where it is calibrated alone, so
+        that the costs of two cameras can be compared; with those that were stated where it is not.
+        """
+        if alone is not None:
+            return _cost(alone, theta)
+        return _cost(problem_of_frame(frame_of_calibration(found), theta, template, circle, config, grown=False), theta)
+
+    return _choose_trial([_try_rig(frame, rig, calibrate, weigh, cost_alone, config) for rig in tried])
+
+
+def _choose_rigs(frame: RigFrame, rigs: Sequence[Rig], camera: str | None) -> list[Rig]:
+    """The cameras with which a frame is tried: the one in whose group it stands, or else all that may have taken it."""
+    own = [rig for rig in rigs if frame.id in rig.members and frame.id not in rig.left_out]
+    return own or [rig for rig in rigs if camera is None or rig.name == camera]
+
+
+def _try_rig(
+    frame: RigFrame,
+    rig: Rig,
+    calibrate: Calibrate,
+    weigh: Callable[[FrameCalibration, Array], float],
+    cost_alone: float,
+    config: Config,
+) -> _Trial:
+    """A frame calibrated with what one camera's other frames say; ``cost_alone``, that of the frame's own camera, is
+    infinite where it has none.
+    """
+    found = calibrate(config_with_prior(config, rig.prior(frame.id, frame.theta), rig.size[0]))
+    reason = find_refusal(found, frame, rig)
+    if reason is not None or found is None or found.attempt.camera is None:
+        return _Trial(rig, None, np.inf, reason)
+    cost = weigh(found, found.attempt.camera.theta)
+    if frame.id not in rig.used and cost - cost_alone > config.rig.maximum_chi_square_increase:
+        return _Trial(rig, None, cost, f"it fits {rig.name} much worse than a camera of its own")
+    return _Trial(rig, found, cost, None)
+
+
+def _choose_trial(trials: Sequence[_Trial]) -> Recalibration:
+    """What the camera says that explains a frame clearly better than the others; the first reason where none does."""
+    taken = sorted((trial for trial in trials if trial.calibration is not None), key=lambda trial: trial.cost)
+    if not taken:
+        return Recalibration(None, None, trials[0].reason)
+    if len(taken) > 1 and taken[1].cost - taken[0].cost < DECISIVE:
+        return Recalibration(None, None, f"{taken[0].rig.name} and {taken[1].rig.name} explain it equally well")
+    return Recalibration(taken[0].calibration, taken[0].rig, None)
 
 
 def find_refusal(found: FrameCalibration | None, frame: RigFrame, rig: Rig) -> str | None:
@@ -109,18 +138,8 @@ def find_refusal(found: FrameCalibration | None, frame: RigFrame, rig: Rig) -> s
     return None
 
 
-def _cost(
-    frame: RigFrame, theta: Array, template: FieldTemplate, circle: Circle, config: Config, scale_of: RigFrame
-) -> float:
-    """Sum of squared residuals of what was seen, without any prior, at a camera.
-
-    The standard deviations are those that the frame asks for where it is calibrated alone, so that the cost of two
-    cameras can be compared.
-    """
-    if scale_of.theta is not None:
-        problem = problem_of_frame(scale_of, scale_of.theta, template, circle, config)
-    else:
-        problem = problem_of_frame(frame, theta, template, circle, config, grown=False)
+def _cost(problem: Problem, theta: Array) -> float:
+    """Sum of squared residuals of what was seen, without any prior, at a camera (P,)."""
     feet = sample_feet(problem.curves, theta[None], problem.model)
     state = evaluate(problem, theta[None], feet, updates=4)
     priors, _ = problem.priors.residuals(theta[None])
