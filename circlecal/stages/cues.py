@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -17,7 +17,7 @@ from circlecal.observations import CircleEdge, LineEnd, LinePoints, Observations
 from circlecal.paint.centre_mark import find_centre_mark, half_chords
 from circlecal.paint.ends import paint_ends
 from circlecal.paint.following import clip_segment, follow_line, widths_at
-from circlecal.paint.lines import ONE_ROUND, TWO_ROUNDS, measure_lines
+from circlecal.paint.lines import ONE_ROUND, TWO_ROUNDS, Rounds, measure_lines
 from circlecal.paint.profiles import GrayPicture
 from circlecal.paint.strays import keep_on_course
 from circlecal.results import Cues, EllipseFit, EllipseFits, LineCue, MarkCue, MarkingMask, Segment
@@ -73,6 +73,70 @@ class CuesConfig(BaseModel):
     )
 
 
+@dataclass(frozen=True, slots=True)
+class _Scene:
+    """A picture with what all lines in it are measured by.
+
+    Attributes
+    ----------
+    picture : (H, W) uint8 or float32
+        Brightness.
+    noise : float
+        Grey-level noise.
+    rounds : tuple of (float, float)
+        How widely and how densely a line is measured, one measurement after the other.
+    config : CuesConfig
+        Options of the stage.
+    """
+
+    picture: GrayPicture
+    noise: float
+    rounds: Rounds
+    config: CuesConfig
+
+    @property
+    def unit(self) -> float:
+        """Pixels per pixel at 1920 px width."""
+        return self.picture.shape[1] / 1920.0
+
+    def measure(self, segments: Sequence[Segment], widths: Array) -> list[LineCue | None]:
+        """Lines along segments whose paint is so many pixels wide (N, 2) at its ends; 0 where that is not known."""
+        return measure_lines(
+            self.picture, segments, self.noise, self.config.search_px, self.config.spacing_px, self.rounds, widths
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _Expectation:
+    """Where the halfway line is looked for.
+
+    Attributes
+    ----------
+    rough : Segment
+        As the stage ``mask`` found it.
+    near : Segment
+        The part that is measured.
+    chord : (2, 2) array
+        Where it enters and leaves the circle, in the picture or not.
+    inside : Segment or None
+        What the picture shows of the chord; None where that does not count, or none of it is in view.
+    growth : (3,) array
+        Width of its paint in the picture, px: coefficients of x, y and 1.
+    surface : (h, w) bool array or None
+        Where it may be followed, in a reduced picture; everywhere where None.
+    name : str or None
+        What the template calls it.
+    """
+
+    rough: Segment
+    near: Segment
+    chord: Array
+    inside: Segment | None
+    growth: Array
+    surface: NDArray[np.bool_] | None
+    name: str | None
+
+
 def find_cues(
     picture: GrayPicture,
     mask: MarkingMask,
@@ -106,41 +170,58 @@ def find_cues(
     Cues
         What was found; a cue that is not seen is None, never invented.
     """
-    fit, unit = ellipses.primary, picture.shape[1] / 1920.0
-    rough = mask.halfway if config.halfway_line and template.halfway_line is not None else None
-    chord = None if rough is None else _chord(fit.conic, join(lift(rough.start), lift(rough.end)))
-    near, growth = None, np.zeros(3)
-    if chord is not None:
-        growth = _paint_width(fit.conic, chord, template, fit.edge)
-        # the picture may show the halfway line outside the circle only
-        inside = _beyond(chord, 1.0, picture.shape)
-        near = rough if inside is None else _beyond(chord, config.reach_half_chords, picture.shape)
+    fit = ellipses.primary
+    scene = _Scene(picture, noise, ONE_ROUND if mask.source == "detector" else TWO_ROUNDS, config)
     further = mask.lines if config.further_lines else ()
-    rounds = ONE_ROUND if mask.source == "detector" else TWO_ROUNDS
-    segments = (*further, *(() if near is None else (near,)))
-    widths = np.zeros((len(segments), 2))
-    if near is not None:
-        widths[-1:] = widths_at(growth, [near])
-    measured = measure_lines(picture, segments, noise, config.search_px, config.spacing_px, rounds, widths)
-    halfway, lines = None, [line for line in measured if line is not None]
-    if chord is not None and near is not None:
-        surface = _add_margin(mask.field_region)
-        first, name = measured.pop(), template.halfway_line
-        first = None if first is None or rough is None else _keep_on_surface(first, rough, surface, picture.shape)
-        pieces, lines = _its_pieces(first, measured, unit)
-        halfway = _halfway_line(picture, first, pieces, chord, growth, noise, name, surface, config)
-        if halfway is None and rough is not None and near is not rough:
-            # the paint inside the circle may be worn off: all of the line counts then
-            (first,) = measure_lines(
-                picture, (rough,), noise, config.search_px, config.spacing_px, rounds, widths_at(growth, [rough])
-            )
-            pieces, others = _its_pieces(first, measured, unit)
-            halfway = _halfway_line(picture, first, pieces, None, growth, noise, name, surface, config)
-            lines = lines if halfway is None else others
+    expected = _expect_halfway_line(scene, mask, fit, template)
+    if expected is None:
+        measured = scene.measure(further, np.zeros((len(further), 2)))
+        halfway, lines = None, [line for line in measured if line is not None]
+    else:
+        halfway, lines = _measure_halfway_line(scene, expected, further)
     mark = None
     if config.centre_mark and halfway is not None and "centre_mark" in template.mark_by_name:
         mark = _centre_mark(picture, halfway, fit, template, blur_px, config)
-    return Cues(halfway=halfway, mark=mark, lines=tuple(keep_on_course(line, unit) for line in lines))
+    return Cues(halfway=halfway, mark=mark, lines=tuple(keep_on_course(line, scene.unit) for line in lines))
+
+
+def _expect_halfway_line(
+    scene: _Scene, mask: MarkingMask, fit: EllipseFit, template: FieldTemplate
+) -> _Expectation | None:
+    """Where the halfway line is looked for; None where it is not, or misses the circle or the picture."""
+    rough, config, shape = mask.halfway, scene.config, scene.picture.shape
+    if rough is None or not config.halfway_line or template.halfway_line is None:
+        return None
+    chord = _chord(fit.conic, join(lift(rough.start), lift(rough.end)))
+    if chord is None:
+        return None
+    # the picture may show the halfway line outside the circle only
+    inside = _clip_chord(chord, 1.0, shape)
+    near = rough if inside is None else _clip_chord(chord, config.reach_half_chords, shape)
+    if near is None:
+        return None
+    growth = _paint_width(fit.conic, chord, template, fit.edge)
+    return _Expectation(rough, near, chord, inside, growth, _add_margin(mask.field_region), template.halfway_line)
+
+
+def _measure_halfway_line(
+    scene: _Scene, expected: _Expectation, further: Sequence[Segment]
+) -> tuple[LineCue | None, list[LineCue]]:
+    """The halfway line, None where too little of it is seen, and those further lines that are no pieces of it."""
+    widths = np.zeros((len(further) + 1, 2))
+    widths[-1:] = widths_at(expected.growth, [expected.near])
+    *measured, first = scene.measure((*further, expected.near), widths)
+    first = None if first is None else _keep_on_surface(first, expected, scene.picture.shape)
+    pieces, others = _its_pieces(first, measured, scene.unit)
+    halfway = _complete_halfway_line(scene, expected, first, pieces)
+    if halfway is not None or expected.inside is None:
+        return halfway, others
+    # the paint inside the circle may be worn off: all of the line counts then
+    whole = replace(expected, near=expected.rough, inside=None)
+    (first,) = scene.measure((whole.near,), widths_at(whole.growth, [whole.near]))
+    pieces, others_of_whole = _its_pieces(first, measured, scene.unit)
+    halfway = _complete_halfway_line(scene, whole, first, pieces)
+    return halfway, others if halfway is None else others_of_whole
 
 
 def cues_from_observations(observations: Observations, template: FieldTemplate, circle: Circle) -> Cues:
@@ -166,62 +247,73 @@ def _line_cue(seen: LinePoints) -> LineCue:
     return LineCue(seen.line, line, seen.points_px, seen.sigma_px, ends, rms)
 
 
-def _beyond(chord: Array, half_chords: float, shape: tuple[int, ...]) -> Segment | None:
+def _clip_chord(chord: Array, half_chords: float, shape: tuple[int, ...]) -> Segment | None:
     """The part in the picture of a chord's line, so many half chords to both sides of the chord's middle."""
-    middle, half = 0.5 * (chord[0] + chord[1]), 0.5 * (chord[1] - chord[0])
-    inside = clip_segment(middle - half_chords * half, middle + half_chords * half, shape[1], shape[0])
-    return None if inside is None else Segment(*inside)
+    middle, half = _middle_and_half(*chord)
+    clipped = clip_segment(middle - half_chords * half, middle + half_chords * half, shape[1], shape[0])
+    return None if clipped is None else Segment(*clipped)
 
 
-def _halfway_line(
-    picture: GrayPicture,
-    cue: LineCue | None,
-    pieces: Sequence[LineCue],
-    chord: Array | None,
-    growth: Array,
-    noise: float,
-    name: str | None,
-    surface: NDArray[np.bool_] | None,
-    config: CuesConfig,
+def _complete_halfway_line(
+    scene: _Scene, expected: _Expectation, cue: LineCue | None, pieces: Sequence[LineCue]
 ) -> LineCue | None:
-    """The measured line with further pieces, continued as far as it is seen on the surface (h, w) of a reduced picture;
-    None where too little of the chord is seen, or of the line where no chord (2, 2) is given.
+    """The measured line with further pieces, continued as far as it is seen; None where too little is seen of the chord
+    inside the picture, or of the line where the chord does not count.
     """
     if cue is None:
         return None
-    middle, half = _middle_and_half(cue.segment.start, cue.segment.end)
-    visible, support = None, cue.segment.support
-    if chord is not None:
-        at, along = _middle_and_half(*chord)
-        visible = clip_segment(at - along, at + along, picture.shape[1], picture.shape[0])
-    if visible is not None:
-        middle, half = at, along
-        inside = np.abs((cue.points_px - middle) @ half / (half @ half)) < 1.0
-        expected = float(np.linalg.norm(visible[1] - visible[0])) / config.spacing_px
-        support = float(inside.sum() / max(expected, 1.0))
-    reach = float(np.linalg.norm(half))
+    config, growth = scene.config, expected.growth
+    support = _support(cue, expected, config)
     if support < COVERED_SHARE * config.minimum_support:
         return None
-    further = follow_line(picture, cue, reach, growth, noise, config.search_px, config.spacing_px)
+    chord = expected.chord if expected.inside is not None else (cue.segment.start, cue.segment.end)
+    middle, half = _middle_and_half(*chord)
+    reach = float(np.linalg.norm(half))
+    further = follow_line(scene.picture, cue, reach, growth, scene.noise, config.search_px, config.spacing_px)
     if support < config.minimum_support and not further:
         return None
-    for piece in pieces:
-        beyond = _beyond_extent(cue.line, (cue, *further), piece.points_px) > 0
-        further.append(replace(piece, points_px=piece.points_px[beyond], sigma_px=piece.sigma_px[beyond]))
-    points = np.concatenate([cue.points_px, *(piece.points_px for piece in further)])
-    sigma = np.concatenate([cue.sigma_px, *(piece.sigma_px for piece in further)])
-    if surface is not None:
-        painted = _lie_on(surface, points, picture.shape)
-        painted[: len(cue.points_px)] = True
-        points, sigma = points[painted], sigma[painted]
+    points, sigma = _join_pieces(cue, further, pieces, expected.surface, scene.picture.shape)
     segment = Segment(cue.segment.start, cue.segment.end, support)
-    unit = max(picture.shape[1] / 1920.0, 0.5)
-    clear = RIM_CLEARANCE_PX * unit if visible is not None else -RIM_CLEARANCE_PX * unit
-    line = keep_on_course(LineCue(name, cue.line, points, sigma, segment, cue.rms_px, (), cue.width_px), unit)
-    points = line.points_px
-    ends = paint_ends(picture, points, middle, reach + clear, growth)
-    kept = _find_before_crossing(points, middle, ends, END_CLEARANCE_PX * unit)
-    return replace(line, points_px=points[kept], sigma_px=line.sigma_px[kept], ends=ends)
+    unit = max(scene.unit, 0.5)
+    line = LineCue(expected.name, cue.line, points, sigma, segment, cue.rms_px, (), cue.width_px)
+    line = keep_on_course(line, unit)
+    clear = RIM_CLEARANCE_PX * unit if expected.inside is not None else -RIM_CLEARANCE_PX * unit
+    ends = paint_ends(scene.picture, line.points_px, middle, reach + clear, growth)
+    kept = _find_before_crossing(line.points_px, middle, ends, END_CLEARANCE_PX * unit)
+    return replace(line, points_px=line.points_px[kept], sigma_px=line.sigma_px[kept], ends=ends)
+
+
+def _support(cue: LineCue, expected: _Expectation, config: CuesConfig) -> float:
+    """Share of the chord inside the picture on which a line is seen; its own support where the chord does not count."""
+    if expected.inside is None:
+        return cue.segment.support
+    middle, half = _middle_and_half(*expected.chord)
+    inside = np.abs((cue.points_px - middle) @ half / (half @ half)) < 1.0
+    most = float(np.linalg.norm(expected.inside.end - expected.inside.start)) / config.spacing_px
+    return float(inside.sum() / max(most, 1.0))
+
+
+def _join_pieces(
+    cue: LineCue,
+    further: Sequence[LineCue],
+    pieces: Sequence[LineCue],
+    surface: NDArray[np.bool_] | None,
+    shape: tuple[int, ...],
+) -> tuple[Array, Array]:
+    """Points (N, 2) of a line, of where it was followed to and of its pieces beyond that, and their standard deviations
+    (N,); those that were added lie on the surface (h, w) of a reduced picture.
+    """
+    added = list(further)
+    for piece in pieces:
+        beyond = _beyond_extent(cue.line, (cue, *added), piece.points_px) > 0
+        added.append(replace(piece, points_px=piece.points_px[beyond], sigma_px=piece.sigma_px[beyond]))
+    points = np.concatenate([part.points_px for part in (cue, *added)])
+    sigma = np.concatenate([part.sigma_px for part in (cue, *added)])
+    if surface is None:
+        return points, sigma
+    painted = _lie_on(surface, points, shape)
+    painted[: len(cue.points_px)] = True
+    return points[painted], sigma[painted]
 
 
 def _middle_and_half(start: Array, end: Array) -> tuple[Array, Array]:
@@ -272,17 +364,15 @@ def _add_margin(region: NDArray[np.bool_] | None) -> NDArray[np.bool_] | None:
     return np.asarray(grown, np.uint8).view(np.bool_)
 
 
-def _keep_on_surface(
-    line: LineCue, seen: Segment, surface: NDArray[np.bool_] | None, shape: tuple[int, ...]
-) -> LineCue:
-    """The line without points beyond the segment by which it was found that lie off the playing surface (h, w) of a
-    reduced picture: of a short arc the chord is a guess, and may reach into the stands.
+def _keep_on_surface(line: LineCue, expected: _Expectation, shape: tuple[int, ...]) -> LineCue:
+    """The line without points beyond the segment by which it was found that lie off the playing surface: of a short arc
+    the chord is a guess, and may reach into the stands.
     """
-    if surface is None:
+    if expected.surface is None:
         return line
-    start, along = seen.start, seen.end - seen.start
+    start, along = expected.rough.start, expected.rough.end - expected.rough.start
     share = (line.points_px - start) @ along / (along @ along)
-    kept = ((share >= 0.0) & (share <= 1.0)) | _lie_on(surface, line.points_px, shape)
+    kept = ((share >= 0.0) & (share <= 1.0)) | _lie_on(expected.surface, line.points_px, shape)
     return replace(line, points_px=line.points_px[kept], sigma_px=line.sigma_px[kept]) if kept.any() else line
 
 
@@ -308,7 +398,7 @@ def _paint_width(conic: Array, chord: Array, template: FieldTemplate, edge: Circ
 
     Inside the circle its chords across the line give the scale; the image of a strip widens evenly along itself.
     """
-    middle, half = 0.5 * (chord[0] + chord[1]), 0.5 * (chord[1] - chord[0])
+    middle, half = _middle_and_half(*chord)
     points = middle + np.array([[-CHORD_AT], [CHORD_AT]]) * half
     aim = pole(conic, join(lift(chord[0]), lift(chord[1])))
     across = aim[:2] - aim[2] * points
