@@ -94,14 +94,15 @@ def project_table(results: Path, points: list[TablePoint], to: Literal["field", 
     answers: dict[int, ProjectedPoint] = {}
     for record in read_records(results):
         indices = of_frame.get(record.id, [])
-        answers |= dict(zip(indices, _project_frame(record, [points[k] for k in indices], to), strict=True))
+        answers |= dict(zip(indices, project_points(record, [points[k] for k in indices], to), strict=True))
     for index, point in enumerate(points):
         yield answers.get(index) or ProjectedPoint(point, np.nan, np.nan, np.nan, "no such frame")
 
 
-def _project_frame(
+def project_points(
     record: ResultRecord, points: list[TablePoint], to: Literal["field", "image"]
 ) -> list[ProjectedPoint]:
+    """Take points of one frame to the field (metres) or into its picture (pixels)."""
     view = record.view
     if not points:
         return []
@@ -110,15 +111,15 @@ def _project_frame(
     given = np.array([(p.x, p.y) for p in points])
     found = (view.to_field if to == "field" else view.project)(given, sigma=True)
     sigma = np.full(len(points), np.nan) if found.sigma is None else found.sigma
-    outside = are_outside(record, found.points if to == "field" else given)
+    outside = _are_outside(record, found.points if to == "field" else given)
     nowhere = "on or above the horizon" if to == "field" else "behind the camera"
     return [
-        ProjectedPoint(p, place[0], place[1], spread, nowhere if np.isnan(place[0]) else OUTSIDE * out)
+        ProjectedPoint(p, place[0], place[1], spread, OUTSIDE * out if np.isfinite(place[0]) else nowhere)
         for p, place, spread, out in zip(points, found.points.tolist(), sigma.tolist(), outside.tolist(), strict=True)
     ]
 
 
-def are_outside(record: ResultRecord, points_m: ArrayLike) -> Array:
+def _are_outside(record: ResultRecord, points_m: ArrayLike) -> Array:
     """Whether field points (N, 2) lie outside the field of a record's template, bool (N,)."""
     try:
         template = None if record.field is None else load_field(record.field.template, record.field.sizes)

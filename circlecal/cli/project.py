@@ -17,6 +17,7 @@ from circlecal.cli import options
 from circlecal.names import as_cell
 
 if TYPE_CHECKING:
+    from circlecal.api.tables import ProjectedPoint
     from circlecal.records.record import ResultRecord
 
 
@@ -25,6 +26,11 @@ class Target(StrEnum):
 
     FIELD = "field"
     IMAGE = "image"
+
+    @property
+    def units(self) -> tuple[str, str]:
+        """Unit of what is given, and of what is found."""
+        return ("px", "m") if self is Target.FIELD else ("m", "px")
 
 
 def project(
@@ -43,7 +49,7 @@ def project(
     as_json: options.Json = False,
 ) -> None:
     """Take points from the picture to the field or back, with the camera's lens where the result has a camera."""
-    from circlecal.api.tables import OUTSIDE, are_outside
+    from circlecal.api.tables import TablePoint, project_points
     from circlecal.cli import console
     from circlecal.errors import InputError
     from circlecal.records.json_text import read_result
@@ -56,33 +62,43 @@ def project(
     if not coordinates or len(coordinates) % 2 or not all(map(math.isfinite, coordinates)):
         raise InputError("project takes finite numbers in pairs: X Y [X Y ...]")
     stored = read_result(result)
-    view = stored.view
-    if stored.status != "calibrated" or view is None:
+    if stored.status != "calibrated" or stored.view is None:
         console.print_error(f"{result}: {stored.id} was refused, so nothing can be projected: {stored.reason}")
         raise typer.Exit(1)
-    given = list(zip(coordinates[::2], coordinates[1::2], strict=True))
-    mapped = (view.to_field if to is Target.FIELD else view.project)(given, sigma=True)
+    given = [TablePoint(stored.id, x, y) for x, y in zip(coordinates[::2], coordinates[1::2], strict=True)]
+    found = project_points(stored, given, to.value)
     _note_open_size(stored)
-    sigma = [None] * len(given) if mapped.sigma is None else mapped.sigma.tolist()
-    unit, given_unit = ("m", "px") if to is Target.FIELD else ("px", "m")
-    missing = "on or above the horizon" if to is Target.FIELD else "behind the camera"
-    outside = are_outside(stored, mapped.points if to is Target.FIELD else given).tolist()
-    notes = [OUTSIDE if out else "" for out in outside]
-    answers = list(zip(given, mapped.points.tolist(), sigma, notes, strict=True))
     if as_json:
-        for source, target, spread, note in answers:
-            seen = math.isfinite(target[0])
-            line = {given_unit: source, unit: target if seen else None, "sigma": _finite(spread)}
-            line |= {} if seen else {"reason": missing}
-            console.print_json(json.dumps(line | ({"note": note} if seen and note else {})))
+        for point in found:
+            console.print_json(json.dumps(_json_line(point, to)))
         return
-    decimals = 3 if to is Target.FIELD else 2
-    rows = [
-        (*(f"{value:g}" for value in source), *_cells(target, spread, decimals, missing, note))
-        for source, target, spread, note in answers
-    ]
+    given_unit, unit = to.units
     columns = (f"x {given_unit}", f"y {given_unit}", f"x {unit}", f"y {unit}", f"sigma {unit}", "")
-    console.print_table(None, columns, rows)
+    console.print_table(None, columns, [_cells(point, to) for point in found])
+
+
+def _json_line(point: ProjectedPoint, to: Target) -> dict[str, object]:
+    """A point, its place, and a note, which is the reason where it has no place."""
+    given_unit, unit = to.units
+    has_place = math.isfinite(point.x)
+    line = {
+        given_unit: (point.given.x, point.given.y),
+        unit: (point.x, point.y) if has_place else None,
+        "sigma": _finite(point.sigma),
+    }
+    return line | ({"note" if has_place else "reason": point.note} if point.note else {})
+
+
+def _cells(point: ProjectedPoint, to: Target) -> tuple[str, ...]:
+    """A point, its place and a note as the cells of a table."""
+    from circlecal.cli import console
+
+    given = f"{point.given.x:g}", f"{point.given.y:g}"
+    if not math.isfinite(point.x):
+        return (*given, "-", "-", "-", point.note)
+    decimals = 3 if to is Target.FIELD else 2
+    place = (f"{value:z.{decimals}f}" for value in (point.x, point.y))
+    return (*given, *place, console.number(_finite(point.sigma), decimals), point.note)
 
 
 def _note_open_size(stored: ResultRecord) -> None:
@@ -103,8 +119,8 @@ def _note_open_size(stored: ResultRecord) -> None:
     )
 
 
-def _finite(value: float | None) -> float | None:
-    return value if value is not None and math.isfinite(value) else None
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
 
 
 def _project_table(results: Path, points: Path, to: Target, *, as_json: bool) -> None:
@@ -116,7 +132,7 @@ def _project_table(results: Path, points: Path, to: Target, *, as_json: bool) ->
     lines = (
         sys.stdin if str(points) == "-" else io.StringIO(read_file(points).decode("utf-8-sig", "replace"), newline="")
     )
-    unit, given_unit = ("m", "px") if to is Target.FIELD else ("px", "m")
+    given_unit, unit = to.units
     names = ("frame", f"x_{given_unit}", f"y_{given_unit}", f"x_{unit}", f"y_{unit}", f"sigma_{unit}", "note")
     if not as_json:
         console.print_line(",".join(names))
@@ -130,13 +146,3 @@ def _project_table(results: Path, points: Path, to: Target, *, as_json: bool) ->
         cells = ["" if _finite(value) is None else f"{value:z.6g}" for value in numbers]
         csv.writer(text, lineterminator="\n").writerow([as_cell(found.given.frame), *cells, found.note])
         console.print_line(text.getvalue().rstrip("\n"))
-
-
-def _cells(
-    target: list[float], sigma: float | None, decimals: int, missing: str, note: str
-) -> tuple[str, str, str, str]:
-    from circlecal.cli import console
-
-    if not math.isfinite(target[0]):
-        return "-", "-", "-", missing
-    return f"{target[0]:z.{decimals}f}", f"{target[1]:z.{decimals}f}", console.number(_finite(sigma), decimals), note
