@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -82,18 +82,14 @@ def batch(
     from circlecal.batch.frames import FrameRun
     from circlecal.cli import console
     from circlecal.cli.rig import RIG_FOLDER, estimate_shared_cameras
-    from circlecal.errors import InputError
     from circlecal.formats.annotation import ANNOTATION_FOLDER
     from circlecal.pictures.inputs import absolute_input
-    from circlecal.pictures.video import DEFAULT_EVERY, Sampling
     from circlecal.records.log import RESULTS_NAME
 
     console.configure_logging(quiet=quiet, verbose=verbose)
     if scheduler is not None:  # workers have another working folder
         inputs, out = [absolute_input(name) for name in inputs], out.absolute()
-        mask, keypoints, annotations = (
-            None if path is None else path.absolute() for path in (mask, keypoints, annotations)
-        )
+        mask, keypoints, annotations = map(_absolute, (mask, keypoints, annotations))
     chosen = options.choose_config(
         config,
         settings,
@@ -111,27 +107,17 @@ def batch(
     exports = options.choose_exports(to, eval_size)
     run = FrameRun(
         chosen,
-        None,
-        None,
-        mask,
-        keypoints,
-        options.choose_format(from_format),
-        options.parse_size(size),
-        convention.value,
+        mask=mask,
+        keypoints=keypoints,
+        format_name=options.choose_format(from_format),
+        size=options.parse_size(size),
+        convention=convention.value,
     )
     failures: list[Exception] = []
-    frames, videos = choose_frames_and_videos(inputs, run, out, console.error_reporter(failures))
-    if not videos and not failures:
-        require_frames(inputs, frames)
-    sampling = Sampling.parse(every or DEFAULT_EVERY, start, end)
-    if not videos and (every or start or end):
-        raise InputError("--every, --start and --end choose frames of videos, and no video is given")
-    note_late_start(videos, sampling)
+    work = _choose_work(inputs, run, out, every, start, end, failures)
     out = options.folder_of_run(out, run.digest, ask=console.can_ask() and not quiet, restart=restart)
     run = replace(run, out=out if files else None, annotations=annotations or out / ANNOTATION_FOLDER)
-    counts = _calibrate(
-        frames, videos, sampling, run, out, workers=workers, scheduler=scheduler, restart=restart, quiet=quiet
-    )
+    counts = _calibrate(work, run, out, workers=workers, scheduler=scheduler, restart=restart, quiet=quiet)
     refused, final = counts.refused, out
     if not rig or not as_json:
         _print_counts(counts, out / RESULTS_NAME, as_json=as_json, quiet=quiet)
@@ -141,7 +127,7 @@ def batch(
             out, run, final, workers=workers, as_json=as_json, quiet=quiet, restart=restart, outdated=True
         )
         refused = report.frames - report.calibrated
-    _write_further(exports, run, frames, final)
+    _write_further(exports, run, work.frames, final)
     if refused and not quiet:
         is_chosen = bool(field or config or settings)
         RefusedFiles.of_run(final).print_hint(chosen, is_chosen=is_chosen, camera_prior=camera_prior, venue=venue)
@@ -151,10 +137,51 @@ def batch(
         raise typer.Exit(1)
 
 
+@dataclass(frozen=True, slots=True)
+class _Work:
+    """What a run calibrates: frames of pictures and annotation files, and videos with what is taken of them."""
+
+    frames: Sequence[PictureFile | FrameOfFile]
+    videos: Sequence[Video]
+    sampling: Sampling
+
+
+def _absolute(path: Path | None) -> Path | None:
+    return None if path is None else path.absolute()
+
+
+def _choose_work(
+    inputs: Sequence[str],
+    run: FrameRun,
+    out: Path,
+    every: str | None,
+    start: str | None,
+    end: str | None,
+    failures: list[Exception],
+) -> _Work:
+    """What the inputs name; those that cannot be read are reported and added to the failures.
+
+    Raises
+    ------
+    InputError
+        Nothing to calibrate, or times are given without a video.
+    """
+    from circlecal.cli import console
+    from circlecal.errors import InputError
+    from circlecal.pictures.video import DEFAULT_EVERY, Sampling
+
+    frames, videos = choose_frames_and_videos(inputs, run, out, console.error_reporter(failures))
+    if not videos and not failures:
+        require_frames(inputs, frames)
+    sampling = Sampling.parse(every or DEFAULT_EVERY, start, end)
+    if not videos and (every or start or end):
+        raise InputError("--every, --start and --end choose frames of videos, and no video is given")
+    note_late_start(videos, sampling)
+    return _Work(frames, videos, sampling)
+
+
 def _calibrate(
-    frames: Sequence[PictureFile | FrameOfFile],
-    videos: Sequence[Video],
-    sampling: Sampling,
+    work: _Work,
     run: FrameRun,
     out: Path,
     *,
@@ -168,15 +195,15 @@ def _calibrate(
     from circlecal.cli import console
     from circlecal.formats.annotation import digest_annotations
 
-    moments = (frame for video in videos for frame in video.frames(sampling, console.print_note))
+    moments = (frame for video in work.videos for frame in video.frames(work.sampling, console.print_note))
     with console.resumable(restart=restart), console.progress_display(quiet=quiet) as show:
         return run_batch(
-            chain(frames, moments),
+            chain(work.frames, moments),
             run,
             out,
             workers=workers or options.cpu_count(),
             scheduler=scheduler,
-            total=len(frames) + sum(video.estimate_count(sampling) for video in videos),
+            total=len(work.frames) + sum(video.estimate_count(work.sampling) for video in work.videos),
             restart=restart,
             annotations=digest_annotations(run.annotations),
             on_progress=show,
