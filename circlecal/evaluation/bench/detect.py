@@ -73,15 +73,23 @@ class ProfileRow:
 
 @dataclass(frozen=True, slots=True)
 class _FrameRow:
-    error_px: float | None
-    predicted_px: float | None
-    inside: float | None
+    """One frame: what :func:`compare` says of its calibration, None where it was refused; the error to expect at best;
+    times of the decoding, of the whole chain and of its stages, ms; what a calibrated one shows; and whether the truth
+    says that a refused one shows too little.
+    """
+
+    compared: tuple[float, float, float] | None
     bound_px: float
     decoding_ms: float
     chain_ms: float
     stages: dict[str, float]
     kind: str = ""
     refusable: bool = False
+
+    @property
+    def is_wrong(self) -> bool:
+        """Whether the frame is calibrated far from the truth."""
+        return self.compared is not None and self.compared[0] > WRONG_PX
 
 
 def run_profiles(
@@ -102,7 +110,7 @@ def run_profiles(
         for index in range(count):
             frames.append(_one_frame(profile, seed, index, width))
             advance(profile)
-        rows.append(_summary(profile, frames))
+        rows.append(_summarise(profile, frames))
     return rows
 
 
@@ -116,8 +124,8 @@ def _one_frame(profile: SceneProfile, seed: int, index: int, width: int) -> _Fra
     bound = predict_error_px(rendering.truth, config)
     times = decoding_ms(np.asarray(encoded), 5), chain, stages
     if found.status != "calibrated" or found.attempt.camera is None:
-        return _FrameRow(None, None, None, bound, *times, refusable=rendering.truth.expect == "refuse")
-    return _FrameRow(*compare(rendering.truth, found.attempt.camera), bound, *times, rendering.truth.kind or profile)
+        return _FrameRow(None, bound, *times, refusable=rendering.truth.expect == "refuse")
+    return _FrameRow(compare(rendering.truth, found.attempt.camera), bound, *times, rendering.truth.kind or profile)
 
 
 def profile_config(profile: str, truth: Truth) -> Config:
@@ -177,31 +185,40 @@ def _visible(truth: Truth) -> Array:
     return grid[inside]
 
 
-def _summary(profile: str, frames: list[_FrameRow]) -> ProfileRow:
-    errors = np.array([f.error_px for f in frames if f.error_px is not None])
-    predicted = [f.predicted_px for f in frames if f.predicted_px is not None]
-    inside = [f.inside for f in frames if f.inside is not None]
-    timed = frames[:TIMED_FRAMES]
-    stages = max((f.stages for f in timed), key=len)
+def _summarise(profile: str, frames: list[_FrameRow]) -> ProfileRow:
+    compared = np.array([f.compared for f in frames if f.compared is not None]).reshape(-1, 3)
+    errors, predicted, inside = compared.T
+    good, refusable = int(np.sum(errors <= GOOD_PX)), sum(f.refusable for f in frames)
     bounds = np.array([f.bound_px for f in frames])
-    nan = float("nan")
-    with np.errstate(invalid="ignore"):  # a negative that is calibrated has an infinite error
-        p90_px = float(np.percentile(errors, 90)) if len(errors) else nan
+    bound_median_px = float(np.median(bounds))
+    timed = frames[:TIMED_FRAMES]
     return ProfileRow(
         profile=profile,
         frames=len(frames),
         calibrated=len(errors) / len(frames),
-        good=float(np.sum(errors <= GOOD_PX)) / len(frames),
-        wrong=float(np.sum(errors > WRONG_PX)) / len(frames),
-        right=float(np.sum(errors <= GOOD_PX) + sum(f.refusable for f in frames)) / len(frames),
-        median_px=float(np.median(errors)) if len(errors) else nan,
-        p90_px=p90_px,
-        predicted_median_px=float(np.median(predicted)) if predicted else nan,
-        coverage=float(np.mean(inside)) if inside else nan,
+        good=good / len(frames),
+        wrong=sum(f.is_wrong for f in frames) / len(frames),
+        right=(good + refusable) / len(frames),
+        median_px=_or_nan(np.median, errors),
+        p90_px=_or_nan(lambda found: np.percentile(found, 90), errors),
+        predicted_median_px=_or_nan(np.median, predicted),
+        coverage=_or_nan(np.mean, inside),
         bound_good=float(np.mean(bounds <= GOOD_PX)),
-        bound_median_px=float(np.median(bounds)) if np.isfinite(np.median(bounds)) else nan,
+        bound_median_px=bound_median_px if np.isfinite(bound_median_px) else float("nan"),
         decoding_ms=float(np.median([f.decoding_ms for f in timed])),
         times_decoding=float(np.median([f.chain_ms / f.decoding_ms for f in timed])),
-        stage_ms={name: float(np.median([f.stages[name] for f in timed if name in f.stages])) for name in stages},
-        wrong_kinds=dict(Counter(f.kind for f in frames if f.error_px is not None and f.error_px > WRONG_PX)),
+        stage_ms=_stage_times(timed),
+        wrong_kinds=dict(Counter(f.kind for f in frames if f.is_wrong)),
     )
+
+
+def _or_nan(statistic: Callable[[Array], float], values: Array) -> float:
+    """A statistic of the values (N,); nan where there are none."""
+    with np.errstate(invalid="ignore"):  # a negative that is calibrated has an infinite error
+        return float(statistic(values)) if len(values) else float("nan")
+
+
+def _stage_times(frames: Sequence[_FrameRow]) -> dict[str, float]:
+    """Median time of each stage over the frames that reach it, ms, in the order of the frame with the most stages."""
+    stages = max((f.stages for f in frames), key=len)
+    return {name: float(np.median([f.stages[name] for f in frames if name in f.stages])) for name in stages}
