@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -198,6 +198,31 @@ def _picture_name(record: ResultRecord) -> str | None:
     return record.path.replace("\\", "/").rpartition("/")[2] if record.path else None
 
 
+@dataclass(frozen=True, slots=True)
+class _Goal:
+    """What files are rewritten in.
+
+    Attributes
+    ----------
+    name : str
+        Of the format.
+    annotations : AnnotationFormat or None
+        Where annotations go; None where the format holds none.
+    cameras : CameraFormat or None
+        Where cameras go; None where the format holds none.
+    template : FieldTemplate
+        The field of the cameras.
+    size : (int, int) or None
+        Size of the pictures where a file has none.
+    """
+
+    name: str
+    annotations: AnnotationFormat | None
+    cameras: CameraFormat | None
+    template: FieldTemplate
+    size: Size | None
+
+
 def convert(
     paths: Sequence[Path],
     source: str | None,
@@ -213,36 +238,50 @@ def convert(
     InputError
         Unreadable, there is no way from the one format to the other, or a file would be written over its source.
     """
-    as_annotations, as_cameras = _writable_annotations().get(target), camera_formats().get(target)
-    annotations: list[AnnotatedFrame] = []
-    cameras: list[CameraFrame] = []
-    for path in paths:
-        if as_cameras and is_log(path):
-            for record in read_records(path):
-                cameras += _camera_of_record(record, as_cameras, template)
-            continue
-        found, content = open_file(path, source)
-        if isinstance(found, AnnotationFormat) and as_annotations:
-            annotations += parse_annotations(found, content, size)
-        elif isinstance(found, CameraFormat) and as_cameras:
-            cameras += [_reduce(path, frame, as_cameras, template) for frame in found.read(path, content.raw, size)]
-        elif found is RESULT and as_cameras:
-            cameras += _camera_of_record(read_result(path), as_cameras, template)
-        else:
-            raise InputError(f"{path}: there is no way from a {found.name} {found.kind} to {target}; {_pairs()}")
+    goal = _Goal(target, _writable_annotations().get(target), camera_formats().get(target), template, size)
+    frames = [frame for path in paths for frame in _read_frames(path, source, goal)]
+    annotations = [frame for frame in frames if isinstance(frame, AnnotatedFrame)]
+    cameras = [frame for frame in frames if isinstance(frame, CameraFrame)]
     if annotations and cameras:
         raise InputError(f"{paths[0]}: annotations and cameras together; convert one kind at a time")
-    if as_annotations and annotations:
-        contents = _annotation_files(_number(annotations), as_annotations, folder)
-    elif as_cameras and cameras:
-        contents = _camera_files(_number(cameras), as_cameras, folder, None)
+    if goal.annotations and annotations:
+        contents = _annotation_files(_number(annotations), goal.annotations, folder)
+    elif goal.cameras and cameras:
+        contents = _camera_files(_number(cameras), goal.cameras, folder, None)
     else:
         raise InputError(f"{paths[0]}: holds no accepted frame; nothing to convert")
-    sources = {real_path(path) for path in paths}
-    over = next((path for path in contents if real_path(path) in sources), None)
+    _require_apart(contents, paths)
+    return _write(contents)
+
+
+def _read_frames(path: Path, source: str | None, goal: _Goal) -> Sequence[AnnotatedFrame | CameraFrame]:
+    """The frames of a file in the format ``source``, or what its content looks like: annotations or cameras."""
+    if goal.cameras and is_log(path):
+        records = read_records(path)
+        return [camera for record in records for camera in _camera_of_record(record, goal.cameras, goal.template)]
+    found, content = open_file(path, source)
+    if isinstance(found, AnnotationFormat) and goal.annotations:
+        return parse_annotations(found, content, goal.size)
+    if isinstance(found, CameraFormat) and goal.cameras:
+        cameras = found.read(path, content.raw, goal.size)
+        return [_reduce(path, camera, goal.cameras, goal.template) for camera in cameras]
+    if found is RESULT and goal.cameras:
+        return _camera_of_record(read_result(path), goal.cameras, goal.template)
+    raise InputError(f"{path}: there is no way from a {found.name} {found.kind} to {goal.name}; {_pairs()}")
+
+
+def _require_apart(written: Iterable[Path], sources: Sequence[Path]) -> None:
+    """No file would be written over one that it is made from.
+
+    Raises
+    ------
+    InputError
+        One would.
+    """
+    places = {real_path(path) for path in sources}
+    over = next((path for path in written if real_path(path) in places), None)
     if over is not None:
         raise InputError(f"{over}: would be written over what it is made from; choose another --out")
-    return _write(contents)
 
 
 def _writable_annotations() -> dict[str, AnnotationFormat]:
