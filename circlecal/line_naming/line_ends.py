@@ -7,7 +7,7 @@ several parallel edges is the marking: the one through that point.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -124,22 +124,62 @@ def _reach_ends(problem: Problem, state: State, count: int, most: float) -> Stat
     return found if found.cost[0] < state.cost[0] else state
 
 
+@dataclass(frozen=True, slots=True)
+class _Ending:
+    """An end of a named line on another marking.
+
+    Attributes
+    ----------
+    end, seen : LineEnd, LinePoints
+        The end, and the line that ends there, as they are seen.
+    other : Line
+        The marking that it ends on.
+    middle_px, sigma_px : (2,), (1,) arrays
+        Where the middle of that marking lies, and its standard deviation.
+    """
+
+    end: LineEnd
+    seen: LinePoints
+    other: Line
+    middle_px: Array
+    sigma_px: Array
+
+
 def _find_ends(
     problem: Problem, state: State, observations: Observations, template: FieldTemplate, worst: float
 ) -> tuple[LinePoints, ...]:
-    named = [s for s in observations.lines if s.ends and s.line is not None and s.line in template.line_by_name]
-    if not named:
+    """Points of the markings that named lines are seen to end on, each within so many of its standard deviations of
+    where the camera expects that marking.
+    """
+    unit = observations.width / 1920.0
+    endings = _locate_endings(problem, state.theta[:1], observations, template)
+    if not endings:
         return ()
-    theta, unit = state.theta[:1], observations.width / 1920.0
-    ends = [(end, seen) for seen in named for end in seen.ends]
-    drawn = [template.line_by_name[str(seen.line)] for _, seen in ends]
-    sigma = np.array([SIGMA_PX * unit])
-    lines = stack_curves(
-        [_curve_of_point(line, end.point_px, sigma, template) for (end, _), line in zip(ends, drawn, strict=True)]
+    away = _count_sigmas(problem, state, endings, template)
+    return tuple(
+        LinePoints(ending.other.name, ending.middle_px[None], ending.sigma_px)
+        for ending, off in zip(endings, away, strict=True)
+        if off <= worst and (ending.end.crossed or _is_crossed(ending.end, ending.seen, observations, unit))
     )
+
+
+def _locate_endings(
+    problem: Problem, theta: Array, observations: Observations, template: FieldTemplate
+) -> list[_Ending]:
+    """The ends of named lines on other markings, at a camera (1, P)."""
+    ends = [
+        (end, seen, drawn)
+        for seen in observations.lines
+        if (drawn := template.line_by_name.get(seen.line or "")) is not None
+        for end in seen.ends
+    ]
+    if not ends:
+        return []
+    sigma = np.array([SIGMA_PX * observations.width / 1920.0])
+    lines = stack_curves([_curve_of_point(drawn, end.point_px, sigma, template) for end, _, drawn in ends])
     along = ground_feet(lines, theta, problem.model)
     place = lines.origin + along[0, :, None] * lines.direction
-    corners = np.array([template.line_ends(line) for line in drawn])
+    corners = np.array([template.line_ends(drawn) for *_, drawn in ends])
     far = along[0] > 0.5 * np.linalg.norm(corners[:, 1] - corners[:, 0], axis=-1)
     outward = np.where(far[:, None], lines.direction, -lines.direction)
     # the paint ends on the near edge of the other marking, its middle lies half a width further
@@ -148,22 +188,21 @@ def _find_ends(
     middles = lines.points_px + steps
     # where both cross at a slant the paint ends anywhere within the other marking
     sigmas = np.hypot(sigma, np.linalg.norm(steps, axis=-1))[:, None]
-    others = [find_line_through(corners[k, int(far[k])], line, template) for k, line in enumerate(drawn)]
-    ending = [k for k, other in enumerate(others) if other is not None]
-    if not ending:
-        return ()
-    points = stack_curves(
-        [_curve_of_point(other, middles[k], sigmas[k], template) for k, other in enumerate(others) if other]
-    )
+    return [
+        _Ending(end, seen, other, middles[k], sigmas[k])
+        for k, (end, seen, drawn) in enumerate(ends)
+        if (other := find_line_through(corners[k, int(far[k])], drawn, template)) is not None
+    ]
+
+
+def _count_sigmas(problem: Problem, state: State, endings: Sequence[_Ending], template: FieldTemplate) -> Array:
+    """By how many of its standard deviations (N,) each end lies off where the camera expects its marking."""
+    theta = state.theta[:1]
+    points = stack_curves([_curve_of_point(e.other, e.middle_px, e.sigma_px, template) for e in endings])
     expected = curve_residuals(points, theta, ground_feet(points, theta, problem.model), problem.model, updates=0)
     J = expected.jacobian[0]
     spread = np.sqrt(((J @ posterior_covariance(state.normal[0], problem.priors.sd)) * J).sum(axis=1))
-    away = np.abs(expected.values[0]) / np.hypot(spread, 1.0)
-    return tuple(
-        LinePoints(key.name, middles[k][None], sigmas[k])
-        for k, key, off in zip(ending, points.keys, away, strict=True)
-        if off <= worst and (ends[k][0].crossed or _is_crossed(*ends[k], observations, unit))
-    )
+    return np.asarray(np.abs(expected.values[0]) / np.hypot(spread, 1.0))
 
 
 def passes_point(segment: Array, point_px: Array, unit: float, near_px: float = NEAR_PX) -> bool:
