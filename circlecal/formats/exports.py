@@ -258,7 +258,7 @@ def _read_frames(path: Path, source: str | None, goal: _Goal) -> Sequence[Annota
     """The frames of a file in the format ``source``, or what its content looks like: annotations or cameras."""
     if goal.cameras and is_log(path):
         records = read_records(path)
-        return [camera for record in records for camera in _camera_of_record(record, goal.cameras, goal.template)]
+        return [camera for record in records for camera in _cameras_of_record(record, goal.cameras, goal.template)]
     found, content = open_file(path, source)
     if isinstance(found, AnnotationFormat) and goal.annotations:
         return parse_annotations(found, content, goal.size)
@@ -266,7 +266,7 @@ def _read_frames(path: Path, source: str | None, goal: _Goal) -> Sequence[Annota
         cameras = found.read(path, content.raw, goal.size)
         return [_reduce(path, camera, goal.cameras, goal.template) for camera in cameras]
     if found is RESULT and goal.cameras:
-        return _camera_of_record(read_result(path), goal.cameras, goal.template)
+        return _cameras_of_record(read_result(path), goal.cameras, goal.template)
     raise InputError(f"{path}: there is no way from a {found.name} {found.kind} to {goal.name}; {_pairs()}")
 
 
@@ -289,13 +289,15 @@ def _writable_annotations() -> dict[str, AnnotationFormat]:
 
 
 def _reduce(path: Path, frame: CameraFrame, target: CameraFormat, template: FieldTemplate) -> CameraFrame:
+    """A camera of a file as a format holds it; an error names the file."""
     try:
         return frame.reduce(target.holds, template)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
 
 
-def _camera_of_record(record: ResultRecord, target: CameraFormat, template: FieldTemplate) -> list[CameraFrame]:
+def _cameras_of_record(record: ResultRecord, target: CameraFormat, template: FieldTemplate) -> list[CameraFrame]:
+    """The camera of a record as a format holds it; none of a refused frame."""
     stored = CalibratedFrame.of(record, template, template.circle_by_name[template.default_circle])
     return [] if stored is None else [stored.reduce(target.holds)]
 

@@ -21,7 +21,7 @@ from circlecal.camera.residuals import (
     stack_curves,
 )
 from circlecal.field import FieldTemplate, Line
-from circlecal.geometry.camera_parameters import INDEX, project
+from circlecal.geometry.camera_parameters import LOG_FOCAL, POSITION, project
 from circlecal.geometry.projective import Array, fit_line, line_distance, meet
 from circlecal.observations import LineEnd, LinePoints, Observations
 
@@ -38,7 +38,6 @@ MISSED_SIGMAS, DOLLIES = 4.0, (0.4, 2.0, 4.0)
 their cameras start: of a rendered hall whose lens is a barrel a fit from 10 m missed the end by 35 px, and that from
 31 m, where the camera stood, by 0.1.
 """
-_PLACE = [INDEX[name] for name in ("x", "y", "z")]
 NEAR_PX, BEND_SHARE, LEAST_SINE = 3.0, 0.008, 0.15
 """How far a seen line may pass by an end: pixels at 1920 px width, and share of its distance; and the sine of the least
 angle between both.
@@ -116,9 +115,9 @@ def _reach_ends(problem: Problem, state: State, count: int, most: float) -> Stat
     if np.abs(state.values[0, :count]).max() <= MISSED_SIGMAS:
         return state
     starts = np.repeat(state.theta[:1], len(DOLLIES), axis=0)
-    starts[:, INDEX["log_focal"]] += np.log(DOLLIES)
+    starts[:, LOG_FOCAL] += np.log(DOLLIES)
     middle = np.append(problem.priors.center_m, 0.0)
-    starts[:, _PLACE] = middle + np.array(DOLLIES)[:, None] * (starts[:, _PLACE] - middle)
+    starts[:, POSITION] = middle + np.array(DOLLIES)[:, None] * (starts[:, POSITION] - middle)
     rule = replace(COARSE, bar=min(most, float(state.cost[0])))
     found = minimise(problem, starts, rule, ground_feet(problem.curves, starts, problem.model)).best()
     return found if found.cost[0] < state.cost[0] else state

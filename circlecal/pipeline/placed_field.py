@@ -178,9 +178,10 @@ def _place_among(
     most: int,
     followed: list[_Followed],
 ) -> Attempt | None:
-    """The field laid over paint of one polarity on one surface by one of so many placements at most, but for those that
-    were followed before, to which the others are added; None where none is believed with the evidence that is usually
-    enough, times a factor.
+    """The answer of the field laid over paint of one polarity on one surface; None where none is believed.
+
+    The ``most`` likeliest placements are followed, but for those that were followed before; they are added to
+    ``followed``. An answer needs ``factor`` times the evidence that is usually enough.
     """
     earlier = [other for other in followed if other.paint.surface is paint.surface]
     with setting.clock("cues"):
@@ -191,8 +192,8 @@ def _place_among(
 
 
 def _find_placements(setting: Setting, scene: Scene, paint: SeenPaint) -> list[PlacedField]:
-    """The likeliest ways to lay the field over paint of one polarity on one surface, the one with most evidence first;
-    none of which much less speaks.
+    """The likeliest ways to lay the field over paint of one polarity on one surface, the one with most evidence first,
+    without those for which much less speaks.
     """
     template, side, size = setting.template, setting.config.correspondences.camera_side, (setting.width, setting.height)
     # a field of other sizes of the same sport lies where the first one does
@@ -240,9 +241,10 @@ def _may_be_right(setting: Setting, weighed: ViewEvidence, attempt: Attempt, pla
 def _choose_answer(
     setting: Setting, followed: Sequence[_Followed], earlier: Sequence[_Followed], factor: float
 ) -> Attempt | None:
-    """The answer for which most speaks, refused as open where another one comes near it, also one that was not believed
-    on this surface before; None where such a one outweighs it, and where none is believed with the evidence that is
-    usually enough, times a factor.
+    """The answer of most weight; None where it is not believed, or where one that was not believed on this surface
+    before weighs more.
+
+    It needs ``factor`` times the evidence that is usually enough, and is refused as open where another one comes near.
     """
     answers, before = _sort_answers(followed), _sort_answers(earlier)
     if not answers:
@@ -349,7 +351,9 @@ def _count_telling(attempt: Attempt, template: FieldTemplate) -> int:
 
 
 def _is_believed(weighed: ViewEvidence, factor: float = 1.0) -> bool:
-    """Whether enough of what a placed field predicts is painted, or it explains nearly all that is painted."""
+    """Whether enough of what a placed field predicts is painted, or it explains nearly all that is painted; with
+    ``factor`` times the evidence that is usually enough.
+    """
     evidence = weighed.evidence / factor
     is_painted = evidence >= LEAST_EVIDENCE and weighed.found_share >= LEAST_SHARE
     return is_painted or (weighed.explained_share >= EXPLAINED_SHARE and evidence >= EXPLAINED_EVIDENCE)

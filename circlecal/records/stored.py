@@ -86,6 +86,7 @@ def _array_or(value: Any, missing: Any) -> Array:
 
 
 def _number(value: Number) -> float:
+    """A number of a record; null, which stands for what is not finite, becomes infinite."""
     return np.inf if value is None else value
 
 

@@ -116,7 +116,7 @@ def estimate_rigs(
     cameras: Mapping[str, str] | None = None,
     read_frames: Callable[[Collection[str]], Mapping[str, RigFrame]] | None = None,
 ) -> list[Rig]:
-    """The cameras that several frames share, those with the most frames first.
+    """The cameras that several frames share, those with the most frames first where ``cameras`` names none.
 
     Parameters
     ----------
@@ -129,8 +129,7 @@ def estimate_rigs(
     cameras : mapping, optional
         Name of the camera by frame, where it is known; otherwise frames are grouped by where their cameras stand.
     read_frames : callable, optional
-        Gives the frames with what was seen of them for the names that are estimated together; where ``frames`` hold it
-        already, None.
+        Gives the frames with these ids together with what was seen of them; None where ``frames`` hold it already.
     """
     known = [f for f in frames if f.theta is not None and f.covariance is not None and f.observations is not None]
     rigs: list[Rig] = []
@@ -473,7 +472,7 @@ def with_told_relief(config: Config, prior: SharedPrior) -> Config:
 
 
 def _normal_log_density(value: float, sd: float) -> float:
-    """Of a normal distribution about 0, up to what all have in common."""
+    """Logarithm of the density of a normal distribution about 0, without the constant that all have in common."""
     return -0.5 * (value / sd) ** 2 - float(np.log(sd))
 
 

@@ -212,14 +212,14 @@ def _measure_halfway_line(
     widths[-1:] = widths_at(expected.growth, [expected.near])
     *measured, first = scene.measure((*further, expected.near), widths)
     first = None if first is None else _keep_on_surface(first, expected, scene.picture.shape)
-    pieces, others = _its_pieces(first, measured, scene.unit)
+    pieces, others = _split_pieces(first, measured, scene.unit)
     halfway = _complete_halfway_line(scene, expected, first, pieces)
     if halfway is not None or expected.inside is None:
         return halfway, others
     # the paint inside the circle may be worn off: all of the line counts then
     whole = replace(expected, near=expected.rough, inside=None)
     (first,) = scene.measure((whole.near,), widths_at(whole.growth, [whole.near]))
-    pieces, others_of_whole = _its_pieces(first, measured, scene.unit)
+    pieces, others_of_whole = _split_pieces(first, measured, scene.unit)
     halfway = _complete_halfway_line(scene, whole, first, pieces)
     return halfway, others if halfway is None else others_of_whole
 
@@ -240,6 +240,7 @@ def cues_from_observations(observations: Observations, template: FieldTemplate, 
 
 
 def _line_cue(seen: LinePoints) -> LineCue:
+    """The line through points that somebody else found."""
     line = fit_line(seen.points_px, 1.0 / seen.sigma_px**2)
     position = seen.points_px @ np.array([line[1], -line[0]])
     ends = Segment(seen.points_px[np.argmin(position)], seen.points_px[np.argmax(position)])
@@ -321,7 +322,7 @@ def _middle_and_half(start: Array, end: Array) -> tuple[Array, Array]:
     return 0.5 * (start + end), 0.5 * (end - start)
 
 
-def _its_pieces(
+def _split_pieces(
     halfway: LineCue | None, lines: Sequence[LineCue | None], unit: float
 ) -> tuple[list[LineCue], list[LineCue]]:
     """Which of the lines are pieces of the halfway line, and which are others.
@@ -413,6 +414,7 @@ def _paint_width(conic: Array, chord: Array, template: FieldTemplate, edge: Circ
 
 
 def _chord(conic: Array, line: Array) -> Array | None:
+    """Where a line enters and leaves the circle (2, 2); None where it misses it."""
     meets = line_conic_meet(conic, line)
     return None if meets is None else dehomogenise(meets)
 

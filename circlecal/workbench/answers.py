@@ -156,7 +156,7 @@ def describe(told: Answer) -> dict[str, Any]:
         "status": found.status,
         "code": verdict.code,
         "reason": verdict.reason,
-        "missing": missing(told),
+        "missing": advise(told),
         "sigma_px": None if camera is None else _finite(camera.max_sigma_px),
         "sigma_m": None if camera is None else _finite(camera.max_sigma_m),
         "rating": rate_sigma(None if camera is None else camera.max_sigma_px, told.annotation.width),
@@ -175,7 +175,7 @@ def _count_from_seen(view: FieldView, camera: CameraFit | None) -> FieldView:
     return view if camera is None else count_sigma_from_seen(view, camera.reference_by_growth)
 
 
-def missing(told: Answer) -> str | None:
+def advise(told: Answer) -> str | None:
     """What to do next, in a sentence; None where the frame is calibrated."""
     code = told.found.verdict.code
     if code is None:

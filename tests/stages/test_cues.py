@@ -14,7 +14,7 @@ from circlecal.paint.lines import measure_lines
 from circlecal.paint.other_paints import are_painted_otherwise, leave_out_other_paints
 from circlecal.paint.profiles import to_gray
 from circlecal.results import Cues, EllipseFits, LineCue, Segment
-from circlecal.stages.cues import CuesConfig, _its_pieces, _line_cue, cues_from_observations, find_cues
+from circlecal.stages.cues import CuesConfig, _line_cue, _split_pieces, cues_from_observations, find_cues
 
 from .conftest import CIRCLE, SOCCER, fit_of, line_cue, paint, view
 
@@ -329,7 +329,7 @@ def test_a_piece_of_the_halfway_line_runs_in_its_direction(slope, goes_on):
         _line_cue(LinePoints(None, np.linspace(line.start, line.end, 20), np.full(20, 0.3)))
         for line in (halfway, other)
     ]
-    pieces, others = _its_pieces(lines[0], [lines[1]], 2 / 3)
+    pieces, others = _split_pieces(lines[0], [lines[1]], 2 / 3)
     assert (len(pieces), len(others)) == ((1, 0) if goes_on else (0, 1))
 
 

@@ -25,8 +25,8 @@ RUNS, TIMED_FRAMES = 3, 20
 """Times are the best of this many runs on the same frame, and the median over so many frames of a profile: those that
 come after them are for the errors alone, and calibrated once.
 """
-GOOD_PX = 5.0
-WRONG_PX = 20.0
+GOOD_PX, WRONG_PX = 5.0, 20.0
+"""Mean errors up to which a frame is good, and beyond which it is wrong, pixels at 1920 px width."""
 REACH_RADII = 22.0 / 9.15
 """Errors are averaged over the visible field this near to the circle's centre: 22 m in soccer; over all of the visible
 field where the circle is not seen."""
@@ -108,13 +108,13 @@ def run_profiles(
     for profile in [PROFILE_BY_NAME[name] for name in names] or PROFILES:
         frames = []
         for index in range(count):
-            frames.append(_one_frame(profile, seed, index, width))
+            frames.append(_run_frame(profile, seed, index, width))
             advance(profile)
         rows.append(_summarise(profile, frames))
     return rows
 
 
-def _one_frame(profile: SceneProfile, seed: int, index: int, width: int) -> _FrameRow:
+def _run_frame(profile: SceneProfile, seed: int, index: int, width: int) -> _FrameRow:
     rng = np.random.default_rng([seed, index, PROFILES.index(profile)])
     rendering = render_frame(profile, rng, width, round(width * 9 / 16))
     encoded = cv2.imencode(".jpg", rendering.image, [cv2.IMWRITE_JPEG_QUALITY, 92])[1]
@@ -170,6 +170,7 @@ def predict_error_px(truth: Truth, config: Config) -> float:
 
 
 def _visible(truth: Truth) -> Array:
+    """Points (N, 2) of the field at which errors are measured: a grid over what the picture shows of it, metres."""
     field = truth.template
     circle = field.circle_by_name[field.default_circle]
     step = circle.radius_m / 9.15
