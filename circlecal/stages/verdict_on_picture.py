@@ -32,7 +32,10 @@ paint have 0.13 and 0.15 of the others, with 0.64 and 0.69 of circle and line; w
 was fitted to is painted throughout.
 """
 EXPECTED_WIDTHS, EXPECTED_WIDTHS_MORE = 0.12, 0.2
-"""So much of them, in picture widths, must be expected for that, and more where something confirms the circle."""
+"""So much of them, in picture widths, must be expected for that, and more where the centre mark confirms the circle. Of
+1,264 calibrated frames of rendered pitches of all sizes the former refuses one wrong and no right one where two further
+lines are named without a mark; where a mark is seen it would refuse three right ones.
+"""
 FEWEST_NAMED = 5
 """Different lines and arcs that carry a camera without the circle, arcs counted twice: of four lines, two along the
 field and two across it, one constraint of eight is left to tell a wrong naming (of 33 real frames with lines left out
@@ -125,12 +128,12 @@ def is_beyond_doubt(camera: CameraFit, cues: Cues, template: FieldTemplate) -> b
 
 def confirm(verdict: Verdict, camera: CameraFit, cues: Cues, agreement: Agreement) -> Verdict:
     """The verdict on an accepted camera after a look at the markings that it was not fitted to."""
-    kinds = kinds_of_confirmation(camera, cues)
-    least = (EXPECTED_WIDTHS + (EXPECTED_WIDTHS_MORE if kinds else 0.0)) * camera.camera.width
-    if agreement.expected_px < least:
+    has_mark = _has_mark(camera, cues)
+    least = EXPECTED_WIDTHS + (EXPECTED_WIDTHS_MORE if has_mark else 0.0)
+    if agreement.expected_px < least * camera.camera.width:
         return verdict
-    is_confirmed_well = kinds > 0 and (
-        not agreement.certain or (_has_mark(camera, cues) and len(camera.named_lines) > 0)
+    is_confirmed_well = (has_mark and len(camera.named_lines) > 0) or (
+        not agreement.certain and kinds_of_confirmation(camera, cues) > 0
     )
     limit = LEAST_FOUND_CONFIRMED if is_confirmed_well else LEAST_FOUND
     painted = verdict.check("painted_share_of_carriers")
