@@ -59,6 +59,12 @@ BESIDE_SHARE = 0.06
 """Share of the rest of the picture that may have the colour of a box which begins where another one ends: of field
 between two boxes 0.10 to 0.19 has, of boxes 0.04 at most (ten rendered frames).
 """
+FLAT_LEVELS, FLAT_SHARE = 3.0, 0.82
+"""Levels off the usual one, in each colour, below which so much of a box lies that is drawn, not seen: of boxes in
+rendered pictures 0.83 to 0.88, letters and the codec's noise beside them being the rest, of strips of field 0.08 to
+0.77, of grass in 45 real pictures 0.41 at most. An olive box was left in the picture since 0.08 of the rest had its
+colour, a light green one since more had its hue.
+"""
 BESIDE_HEIGHT = 0.012
 """Least height, picture heights, of what is seen of a box that begins where another one ends: the other may lie over
 most of it, or be its own upper part. Two such boxes of 160 rendered pictures show 0.022 and 0.026 of it, without their
@@ -175,6 +181,8 @@ def _is_field_beside(image: NDArray[np.uint8], box: Band, found: list[Band]) -> 
     """
     if not _is_beside(box, [other for other in found if other is not box]):
         return False
+    if _is_flat(image, box):
+        return False
     usual, rest = _usual_colour(_inside_of(image, box)), _elsewhere(image, box)
     if _has_colour(rest, usual).mean() > BESIDE_SHARE:
         return True
@@ -185,6 +193,12 @@ def _is_field_beside(image: NDArray[np.uint8], box: Band, found: list[Band]) -> 
     if alike.mean() <= BESIDE_SHARE:
         return False
     return bool(np.linalg.norm(usual) <= LIGHTER * np.median(np.linalg.norm(seen[alike], axis=-1)))
+
+
+def _is_flat(image: NDArray[np.uint8], box: Band) -> bool:
+    """Whether the ground of a box of a thinned picture has one colour, as nothing has that a lens sees."""
+    inside = _inside_of(image, box)
+    return inside.size > 0 and bool(_has_colour(inside, _usual_colour(inside), FLAT_LEVELS).mean() >= FLAT_SHARE)
 
 
 def _between(image: NDArray[np.uint8], top: int, upper: Band, lower: Band) -> Band | None:
@@ -262,7 +276,9 @@ def _grow(image: NDArray[np.uint8], edge: Band, below: bool, others: list[Band])
     box = Band(edge.top, last, left, right) if below else Band(last, edge.bottom, left, right)
     if reaches_border and not _is_ticker(image, box, ground):
         return None
-    least, most_elsewhere = (BESIDE_HEIGHT, BESIDE_SHARE) if _is_beside(box, others) else (HEIGHTS[0], FIELD_SHARE)
+    is_beside = _is_beside(box, others)
+    least = BESIDE_HEIGHT if is_beside else HEIGHTS[0]
+    most_elsewhere = BESIDE_SHARE if is_beside and not _is_flat(image, box) else FIELD_SHARE
     return box if first >= least * height and _is_box(image, box, most_elsewhere) else None
 
 
@@ -285,9 +301,9 @@ def _count_free(rows: NDArray[np.int_], edge: Band, others: list[Band]) -> int:
     return int(np.argmax(is_taken)) if is_taken.any() else len(rows)
 
 
-def _has_colour(image: NDArray[np.uint8], colour: NDArray[np.float64]) -> Mask:
-    """Which places (H, W) of a picture have about a colour (3,)."""
-    low, high = np.floor(colour - PLAIN_LEVELS) + 1.0, np.ceil(colour + PLAIN_LEVELS) - 1.0
+def _has_colour(image: NDArray[np.uint8], colour: NDArray[np.float64], levels: float = PLAIN_LEVELS) -> Mask:
+    """Which places (H, W) of a picture have a colour (3,), but for less than so many levels."""
+    low, high = np.floor(colour - levels) + 1.0, np.ceil(colour + levels) - 1.0
     if image.size == 0:
         return np.zeros(image.shape[:2], np.bool_)
     return np.asarray(cv2.inRange(np.ascontiguousarray(image), low, high)) > 0

@@ -72,6 +72,17 @@ def test_a_grey_box_under_a_crowd_is_a_box():
     assert abs(band.bottom - 139) <= 3
 
 
+@pytest.mark.parametrize(("noise", "count"), [(0.0, 2), (6.0, 1)])
+def test_a_box_in_a_colour_of_the_field_beside_another_one_is_drawn_in_one_colour(noise, count):
+    """What is between two boxes is field where it is grained as the field is."""
+    rng, olive = np.random.default_rng(6), np.array((40, 110, 110), np.float64)
+    image = field(0.05)
+    image[250:, :160] = np.clip(olive + rng.normal(0.0, 6.0, (110, 160, 3)), 0, 255)
+    image[160:200] = BOX
+    image[200:240] = np.clip(olive + rng.normal(0.0, noise, (40, 640, 3)), 0, 255)
+    assert len(find_bands(image)) == count
+
+
 def test_two_boxes_in_two_shades_of_one_colour_are_boxes():
     """Grey ones, whose colour has no hue."""
     image = field(0.05)
