@@ -98,6 +98,15 @@ def test_one_line_along_the_field_is_told_from_the_field_of_another_sport():
     assert weigh(one, replace(camera, named_lines=())).code == "paint_unexplained"
 
 
+def test_a_line_along_the_field_that_is_measured_in_pieces_is_one_line():
+    (left, y), (right, _) = ALONG
+    middle = (left + right) / 2.0
+    camera, pieces = fit_of(CAMERA), (((left, y), (middle - 0.5, y)), ((middle + 0.5, y), (right, y)))
+    whole = measure_evidence(paint((ALONG,)), mask_of((ALONG,)), camera, SOCCER, CARRIERS)
+    found = measure_evidence(paint((ALONG,)), mask_of(pieces), camera, SOCCER, CARRIERS)
+    assert found.alone_widths == pytest.approx(whole.alone_widths, rel=0.1)
+
+
 def test_an_unexplained_line_in_another_paint_speaks_against_no_camera():
     halfway, asked = SOCCER.line_ends(SOCCER.line_by_name["halfway_line"]), []
 
