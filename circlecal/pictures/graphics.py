@@ -196,9 +196,15 @@ def _is_field_beside(image: NDArray[np.uint8], box: Band, found: list[Band]) -> 
 
 
 def _is_flat(image: NDArray[np.uint8], box: Band) -> bool:
-    """Whether the ground of a box of a thinned picture has one colour, as nothing has that a lens sees."""
+    """Whether the ground of a box of a thinned picture has one colour, as nothing has that a lens sees; rows of another
+    colour, such as those of a stripe, aside.
+    """
     inside = _inside_of(image, box)
-    return inside.size > 0 and bool(_has_colour(inside, _usual_colour(inside), FLAT_LEVELS).mean() >= FLAT_SHARE)
+    if inside.size == 0:
+        return False
+    usual = _usual_colour(inside)
+    rows = inside[_share_of_rows(_has_colour(inside, usual)) >= GROUND_SHARE]
+    return rows.size > 0 and bool(_has_colour(rows, usual, FLAT_LEVELS).mean() >= FLAT_SHARE)
 
 
 def _between(image: NDArray[np.uint8], top: int, upper: Band, lower: Band) -> Band | None:

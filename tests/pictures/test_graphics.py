@@ -83,6 +83,16 @@ def test_a_box_in_a_colour_of_the_field_beside_another_one_is_drawn_in_one_colou
     assert len(find_bands(image)) == count
 
 
+def test_a_box_in_the_fields_hue_close_below_another_one_is_a_box_with_its_stripe():
+    """The rows between the two are counted to the stripe, and tell nothing of the ground."""
+    image = field(0.05)
+    image[160:200, 40:560] = BOX
+    image[206:209], image[209:240] = 245, np.rint(0.45 * np.array(TURF))
+    bands = find_bands(image)
+    assert len(bands) == 2
+    assert abs(bands[1].bottom - 239) <= 3
+
+
 def test_two_boxes_in_two_shades_of_one_colour_are_boxes():
     """Grey ones, whose colour has no hue."""
     image = field(0.05)
