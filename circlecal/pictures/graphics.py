@@ -61,8 +61,8 @@ between two boxes 0.10 to 0.19 has, of boxes 0.04 at most (ten rendered frames).
 """
 FLAT_LEVELS, FLAT_SHARE = 3.0, 0.82
 """Levels off the usual one, in each colour, below which so much of a box lies that is drawn, not seen: of boxes in
-rendered pictures 0.83 to 0.88, letters and the codec's noise beside them being the rest, of strips of field 0.08 to
-0.77, of grass in 45 real pictures 0.41 at most. An olive box was left in the picture since 0.08 of the rest had its
+rendered pictures 0.83 to 0.9, letters and the codec's noise beside them being the rest, of strips of field 0.08 to
+0.62, of grass in 45 real pictures 0.41 at most. An olive box was left in the picture since 0.08 of the rest had its
 colour, a light green one since more had its hue.
 """
 BESIDE_HEIGHT = 0.012
