@@ -179,9 +179,7 @@ def _is_field_beside(image: NDArray[np.uint8], box: Band, found: list[Band]) -> 
     """Whether what was taken for a box is the field between a box and a shadow or another box: the field goes on
     elsewhere, in the sun or in the shade.
     """
-    if not _is_beside(box, [other for other in found if other is not box]):
-        return False
-    if _is_flat(image, box):
+    if not _is_beside(box, [other for other in found if other is not box]) or _is_flat(image, box):
         return False
     usual, rest = _usual_colour(_inside_of(image, box)), _elsewhere(image, box)
     if _has_colour(rest, usual).mean() > BESIDE_SHARE:

@@ -8,6 +8,7 @@ is that of the reader's configuration.
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Self
 
@@ -81,6 +82,25 @@ class Range(_Part):
     focal_px: tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]]
 
 
+def _mirror_rows(rows: Sequence[Sequence[float]], matrix: Array) -> Array:
+    """A symmetric matrix (K, K) with the last of its rows as far as they are written, each from its first number."""
+    for k, row in enumerate(rows, start=len(matrix) - len(rows)):
+        matrix[k, : len(row)] = matrix[: len(row), k] = row
+    return matrix
+
+
+def _require_distribution(name: str, matrix: Array) -> None:
+    """Refuse a matrix (K, K) that is no covariance of anything.
+
+    Raises
+    ------
+    ValueError
+        It has a negative eigenvalue.
+    """
+    if np.linalg.eigvalsh(matrix).min() < -1e-6:
+        raise ValueError(f"{name} is that of no distribution: it has a negative eigenvalue")
+
+
 class PaintersPart(_Part):
     """Covariance of the parameters if painters made no errors, its rows up to the diagonal, and how the parameters
     follow each painters' error of one standard deviation, all in standard deviations of the parameters: where a person
@@ -98,8 +118,7 @@ class PaintersPart(_Part):
         for name, values in self.by_errors.items():
             if len(values) != count:
                 raise ValueError(f"by_errors.{name} needs {count} numbers")
-        if np.linalg.eigvalsh(self._whole()).min() < -1e-6:
-            raise ValueError("covariance is that of no distribution: it has a negative eigenvalue")
+        _require_distribution("covariance", self._whole())
         return self
 
     @classmethod
@@ -114,10 +133,7 @@ class PaintersPart(_Part):
         return PaintersShare(self._whole(), {name: np.array(v) for name, v in self.by_errors.items()}).resize(sd)
 
     def _whole(self) -> Array:
-        covariance = np.zeros((len(FILE_NAMES), len(FILE_NAMES)))
-        for k, row in enumerate(self.covariance):
-            covariance[k, : k + 1] = covariance[: k + 1, k] = row
-        return covariance
+        return _mirror_rows(self.covariance, np.zeros((len(FILE_NAMES), len(FILE_NAMES))))
 
 
 class TripodPart(_Part):
@@ -144,16 +160,12 @@ class TripodPart(_Part):
             raise ValueError(f"parameters.{missing[0]} is missing")
         if self.correlation and [len(row) for row in self.correlation] != list(range(1, len(FILE_NAMES))):
             raise ValueError(f"correlation needs {len(FILE_NAMES) - 1} rows with 1 to {len(FILE_NAMES) - 1} numbers")
-        if np.linalg.eigvalsh(self.correlations()).min() < -1e-6:
-            raise ValueError("correlation is that of no distribution: it has a negative eigenvalue")
+        _require_distribution("correlation", self.correlations())
         return self
 
     def correlations(self) -> Array:
         """Correlation matrix (K, K); what is not written is 0."""
-        matrix = np.eye(len(FILE_NAMES))
-        for row, numbers in enumerate(self.correlation, start=1):
-            matrix[row, :row] = matrix[:row, row] = numbers
-        return matrix
+        return _mirror_rows(self.correlation, np.eye(len(FILE_NAMES)))
 
     def sds(self) -> Array:
         """Standard deviations (K,) of the parameters, without what painters' errors add."""

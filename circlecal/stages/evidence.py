@@ -326,15 +326,13 @@ def _measure_other_paint(
     oblique = paint & (np.abs(np.sin(2.0 * angle)) > np.sin(np.radians(2.0 * OBLIQUE_DEG)))
     step = cells.step[which]
     along_axis = paint & ~oblique
-    if not along_axis.any():
-        return float(step[oblique].sum()) / width, 0.0
-    lines = _join_pieces(field_m[along_axis], angle[along_axis], which[along_axis])
-    parallel = np.bincount(lines, step[along_axis]) / width
+    lines = _number_lines(field_m[along_axis], angle[along_axis], which[along_axis])
+    parallel = np.bincount(lines, step[along_axis], minlength=1) / width
     is_alone = np.count_nonzero(parallel > SHORTEST_WIDTHS) == 1
     return float(step[oblique].sum()) / width, float(parallel.max()) if is_alone else 0.0
 
 
-def _join_pieces(field_m: Array, angle: Array, which: NDArray[np.int_]) -> NDArray[np.int_]:
+def _number_lines(field_m: Array, angle: Array, which: NDArray[np.int_]) -> NDArray[np.int_]:
     """Numbers of the lines along an axis of the field on which places (N, 2) lie, whose segments (N,) at these angles
     (N,), rad, may be pieces of one line.
     """

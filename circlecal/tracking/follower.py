@@ -151,11 +151,10 @@ class _Inertia:
         turn = GUESS_SD_PX * place.unit / float(np.exp(before.head[0])) + GUESS_SHARE * np.abs(change[1:])
         return HeadMotion(change, np.diag(np.square([GUESS_SD_ZOOM, *turn])), 0.0, 0)
 
-    def is_surprised(self, place: Place, before: Entry, motion: HeadMotion) -> bool:
+    def is_surprised(self, place: Place, before: Entry, motion: HeadMotion, guess: HeadMotion) -> bool:
         """Whether a motion is far from the guess, or none where there was one: the head has inertia, players have
         little, and graphics stand still.
         """
-        guess = self.guess(place, before)
         away = np.abs(motion.change - guess.change)[1:]
         if (away > SURPRISE * np.sqrt(np.diag(guess.covariance))[1:]).any():
             return True
@@ -332,11 +331,12 @@ class Follower:
         place = before.place
         if place is None:
             return None
-        expected = self._inertia.guess(place, before).change if self._inertia.is_moving else None
+        guess = self._inertia.guess(place, before)
+        expected = guess.change if self._inertia.is_moving else None
         with self._clock.measure("motion"):
             motion = self._estimate_motion(place, flow, last, picture, before.head, expected)
         with self._clock.measure("paint"):
-            followed = self._choose_motion(place, picture, before, entry, motion)
+            followed = self._choose_motion(place, picture, before, entry, motion, guess)
             if followed is not None and followed.reach_px > WIDE_PX * place.unit:
                 followed = followed.look_again(place, picture, before.by_common)
         if followed is None:
@@ -353,16 +353,22 @@ class Follower:
         return look
 
     def _choose_motion(
-        self, place: Place, picture: LookedAt, before: Entry, entry: Entry, motion: HeadMotion | None
+        self,
+        place: Place,
+        picture: LookedAt,
+        before: Entry,
+        entry: Entry,
+        motion: HeadMotion | None,
+        guess: HeadMotion,
     ) -> _Followed | None:
         """A look along the motion that was measured, or along the one that is guessed where the paint knows better:
         blur leaves no corners but those of players and graphics. None where neither is worth following.
         """
         measured = None if motion is None else self._look_along(place, picture, before, entry, motion)
-        is_surprise = motion is None or self._inertia.is_surprised(place, before, motion)
+        is_surprise = motion is None or self._inertia.is_surprised(place, before, motion, guess)
         if measured is not None and not is_surprise and not measured.should_show_more:
             return measured
-        guessed = self._look_along(place, picture, before, entry, self._inertia.guess(place, before))
+        guessed = self._look_along(place, picture, before, entry, guess)
         guessed = guessed.look_again(place, picture, before.by_common)
         may_be_better = measured is None or (is_surprise and not measured.look.is_confirmed)
         if not guessed.look.is_confirmed and not may_be_better:
