@@ -465,3 +465,15 @@ def test_colours_of_lines_are_compared_where_one_paint_adds_one_colour(field, is
     setting = SimpleNamespace(config=load_config(None, [f"field.template={field}"]), template=load_field(field))
     scene, marking = SimpleNamespace(relief=None), SimpleNamespace(source="detector")
     assert attempts.has_one_paint(setting, scene, marking) is is_compared
+
+
+@pytest.mark.parametrize(("field", "told"), [("soccer", "yellow"), ("futsal", "any"), ("ice-hockey", "none")])
+def test_lines_of_other_sports_are_set_apart_by_the_colours_that_tell_them(monkeypatch, field, told):
+    """On grass only yellow does, on a floor in one paint each, on a rink none."""
+    monkeypatch.setattr(attempts, "leave_out_yellow_lines", lambda *_: "yellow")
+    monkeypatch.setattr(attempts, "leave_out_other_paints", lambda *_: "any")
+    setting = SimpleNamespace(config=load_config(None, [f"field.template={field}"]), template=load_field(field))
+    scene = SimpleNamespace(relief=None, image=None)
+    marking = SimpleNamespace(source="detector", band_px=3.0)
+    assert attempts.set_apart_other_sports(setting, scene, marking, object(), "none") == told
+    assert attempts.set_apart_other_sports(setting, scene, marking, None, "none") == "none"

@@ -12,7 +12,7 @@ from circlecal.geometry.projective import Array, line_distance
 from circlecal.paint.colour import colours_at, match_paint, measure_added_colour
 from circlecal.results import Cues, EllipseFits, LineCue, Segment
 
-__all__ = ["are_painted_otherwise", "leave_out_other_paints"]
+__all__ = ["are_painted_otherwise", "leave_out_other_paints", "leave_out_yellow_lines"]
 
 SAME_LINE_PX = 6.0
 """So near to a measured line lie both ends of the rough one that it was measured along, pixels at 1920 px width."""
@@ -22,6 +22,12 @@ LESS_BLUE, MORE_RED, LEAST_YELLOW = 0.2, 0.1, 16.0
 """What a yellow line adds less of blue and more of red than white paint of equal strength, shares of it, and the grey
 levels that it must add to be told. Eleven yellow lines of another sport on rendered pitches, 1.4 to 2.1 px wide, have
 0.23 to 0.27 and 0.11 to 0.15; of 565 lines of real and rendered fields, but for fainter ones, none exceeds both.
+"""
+MOST_BLUE = 0.76
+"""Blue over red that a yellow line adds at most; it adds more red than green, too. Of 235 lines on rendered pitches
+that the shares above tell from the circle's paint, yellow ones have 0.25 to 0.70 of blue and 1.05 of red over green or
+more. Six white ones are told apart by this alone, since their circle was measured to be bluish: five have 0.82 to 1.2
+of blue, the sixth is faint and has 0.93 of red over green.
 """
 HALO_PX, BESIDE_PX, HALO_SHARE = 4, 8, 1.0 / 3.0
 """A sharpened picture has a dark halo beside a light line: within the first so many pixels at 1280 px width lies paint
@@ -48,21 +54,50 @@ def leave_out_other_paints(image: NDArray[np.uint8], cues: Cues, ellipses: Ellip
     band_px : float or None
         Width of the circle's paint where it is widest, pixels.
     """
-    fit = ellipses.center
-    if fit is None or not cues.lines:
+    colour = _measure_circle(image, ellipses, band_px)
+    if colour is None or not cues.lines:
         return cues
+    added = [_measure_line(image, line) for line in cues.lines]
+    is_other = [
+        not match_paint(own, colour) or _is_yellow_on_grass(image, line, own, colour) or _is_halo(image, line, colour)
+        for line, own in zip(cues.lines, added, strict=True)
+    ]
+    return _set_apart(cues, is_other)
+
+
+def leave_out_yellow_lines(image: NDArray[np.uint8], cues: Cues, ellipses: EllipseFits, band_px: float | None) -> Cues:
+    """The cues without further lines that are yellow on grass beside a circle in white; the parameters are those of
+    :func:`leave_out_other_paints`, which compares all colours. Mown stripes and haze change what white paint adds to
+    grass, but do not make it yellow.
+    """
+    colour = _measure_circle(image, ellipses, band_px)
+    if colour is None:
+        return cues
+    return _set_apart(
+        cues, [_is_yellow_on_grass(image, line, _measure_line(image, line), colour) for line in cues.lines]
+    )
+
+
+def _set_apart(cues: Cues, is_other: Sequence[bool]) -> Cues:
+    """The cues with these of the further lines (S,) among those in another paint."""
+    told = tuple(zip(cues.lines, is_other, strict=True))
+    lines, others = (tuple(line for line, other in told if other is kind) for kind in (False, True))
+    return replace(cues, lines=lines, others=(*cues.others, *others))
+
+
+def _measure_circle(image: NDArray[np.uint8], ellipses: EllipseFits, band_px: float | None) -> Array | None:
+    """Blue, green and red (3,) that the circle's paint adds to the ground; None where its middle was not measured."""
+    fit = ellipses.center
+    if fit is None:
+        return None
     points = fit.points_px[fit.inliers]
     normals = fit.ellipse.normals(fit.ellipse.parameter(points))
-    colour = measure_added_colour(image, points, normals, band_px or 0.0)
-    added = [measure_added_colour(image, line.points_px, _normal_of(line), line.width_px) for line in cues.lines]
-    kept = tuple(
-        line
-        for line, own in zip(cues.lines, added, strict=True)
-        if match_paint(own, colour)
-        and not _is_yellow_on_grass(image, line, own, colour)
-        and not _is_halo(image, line, colour)
-    )
-    return replace(cues, lines=kept)
+    return measure_added_colour(image, points, normals, band_px or 0.0)
+
+
+def _measure_line(image: NDArray[np.uint8], line: LineCue) -> Array:
+    """Blue, green and red (3,) that a line's paint adds to the ground."""
+    return measure_added_colour(image, line.points_px, _normal_of(line), line.width_px)
 
 
 def are_painted_otherwise(
@@ -73,8 +108,9 @@ def are_painted_otherwise(
     """
     near_px = SAME_LINE_PX * image.shape[1] / 1920.0
     ends = np.array([(segment.start, segment.end) for segment in segments]).reshape(-1, 2, 2)
-    off = [np.abs(line_distance(line.line, ends)).max(axis=1) < near_px for line in cues.lines]
-    asked = [(line, along) for line, along in zip(cues.lines, off, strict=True) if along.any()]
+    measured = (*cues.lines, *cues.others)
+    off = [np.abs(line_distance(line.line, ends)).max(axis=1) < near_px for line in measured]
+    asked = [(line, along) for line, along in zip(measured, off, strict=True) if along.any()]
     lines = tuple(line for line, _ in asked)
     kept = leave_out_other_paints(image, replace(cues, lines=lines), ellipses, band_px).lines
     found = np.zeros(len(segments), np.bool_)
@@ -92,7 +128,7 @@ def _is_yellow_on_grass(image: NDArray[np.uint8], line: LineCue, added: Array, c
     if strength < LEAST_YELLOW:
         return False
     blue, _, red = added / strength - colour / max(float(np.linalg.norm(colour)), 1e-9)
-    if blue >= -LESS_BLUE or red <= MORE_RED:
+    if blue >= -LESS_BLUE or red <= MORE_RED or added[0] >= MOST_BLUE * added[2] or added[1] >= added[2]:
         return False
     ground = np.median(colours_at(image, line.points_px), axis=0) - added
     return int(ground.argmax()) == GREEN

@@ -13,7 +13,7 @@ from circlecal.camera.report import weigh_painters
 from circlecal.errors import EstimationError
 from circlecal.geometry.projective import Array
 from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations
-from circlecal.paint.other_paints import are_painted_otherwise, leave_out_other_paints
+from circlecal.paint.other_paints import are_painted_otherwise, leave_out_other_paints, leave_out_yellow_lines
 from circlecal.pipeline.setting import Scene, Setting, lighten_markings
 from circlecal.refusals import Confidence, explain, refuse
 from circlecal.results import (
@@ -81,8 +81,7 @@ def measure(
         with setting.clock("cues"):
             cues = find_cues(picture, marking, ellipses, edges.noise, template, config.cues, edges.blur_px)
             cues = scene.clear_cues(cues)
-            if has_one_paint(setting, scene, marking):
-                cues = leave_out_other_paints(scene.image, cues, ellipses, marking.band_px)
+            cues = set_apart_other_sports(setting, scene, marking, ellipses, cues)
             arcs = tuple(arc.points_px for arc in marking.arcs)
             observations = replace(observe(setting, ellipses, cues), curves=arcs)
             attempt = replace(attempt, cues=cues, observations=observations)
@@ -107,6 +106,24 @@ def has_one_paint(setting: Setting, scene: Scene, marking: MarkingMask) -> bool:
     """
     is_painted = marking.source == "detector" and scene.relief is None and setting.template.ground != "grass"
     return is_painted and bool(suit_field(setting.config.mask, setting.template).detector.one_paint)
+
+
+def set_apart_other_sports(
+    setting: Setting, scene: Scene, marking: MarkingMask, ellipses: EllipseFits | None, cues: Cues
+) -> Cues:
+    """The cues with lines of other sports, which are told by their colour, apart from those that may be markings."""
+    if ellipses is None:
+        return cues
+    if has_one_paint(setting, scene, marking):
+        return leave_out_other_paints(scene.image, cues, ellipses, marking.band_px)
+    if _tells_other_paints(setting, scene, marking):
+        return leave_out_yellow_lines(scene.image, cues, ellipses, marking.band_px)
+    return cues
+
+
+def _tells_other_paints(setting: Setting, scene: Scene, marking: MarkingMask) -> bool:
+    """Whether a line in another colour than the circle's paint, which the detector found as a band, is no marking."""
+    return setting.template.is_in_one_paint and marking.source == "detector" and scene.relief is None
 
 
 def observe(setting: Setting, ellipses: EllipseFits, cues: Cues) -> Observations:
@@ -292,8 +309,7 @@ def _find_other_paints(
     tells them.
     """
     cues, ellipses = attempt.cues, attempt.ellipses
-    is_told = setting.template.is_in_one_paint and mask.source == "detector" and scene.relief is None
-    if not is_told or cues is None or ellipses is None:
+    if not _tells_other_paints(setting, scene, mask) or cues is None or ellipses is None:
         return None
     return lambda segments: are_painted_otherwise(scene.image, segments, cues, ellipses, mask.band_px)
 

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from circlecal.observations import LinePoints, Observations, join_observations
 from circlecal.paint.predicted_width import WIDE_PX, blur_widths, predict_line_widths, predict_paint_widths
-from circlecal.pipeline.attempts import calibrate_extra, estimate, look_again, measure
+from circlecal.pipeline.attempts import calibrate_extra, estimate, look_again, measure, set_apart_other_sports
 from circlecal.pipeline.curves import SETTLED_PX, distance_widths, measure_curves, measure_distances, replace_curves
 from circlecal.pipeline.old_coats import leave_out_old_coat, may_have_old_coat
 from circlecal.pipeline.setting import Scene, Setting, lighten_markings
 from circlecal.pipeline.template_markings import measure_straight_markings
 from circlecal.refusals import REFUSALS
-from circlecal.results import Attempt, CameraFit, Interpretation, LineCue, MarkingMask
+from circlecal.results import Attempt, CameraFit, Cues, Interpretation, LineCue, MarkingMask
 from circlecal.stages.faint_lines import find_faint_lines
 
 PARTIAL_DEG = 240.0
@@ -194,11 +194,12 @@ def add_faint_lines(setting: Setting, scene: Scene, attempt: Attempt) -> Iterato
     mask, _, cues, observations, camera, _ = attempt.fitted
     with setting.clock("cues"):
         picture = lighten_markings(scene.marked, mask, setting.circle)
-        found = find_faint_lines(picture, camera, setting.template, setting.circle, mask.field_region)
+        seen = find_faint_lines(picture, camera, setting.template, setting.circle, mask.field_region)
+        told = Cues(None, None, scene.clear_lines(seen))
         found = tuple(
             line
-            for line in scene.clear_lines(found)
-            if not _is_repetition(line, cues.lines, SEEN_BEFORE_PX * setting.width / 1920.0)
+            for line in set_apart_other_sports(setting, scene, mask, attempt.ellipses, told).lines
+            if not _is_repetition(line, (*cues.lines, *cues.others), SEEN_BEFORE_PX * setting.width / 1920.0)
         )
     if not found:
         return

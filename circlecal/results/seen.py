@@ -267,8 +267,11 @@ class MarkCue:
 
 @dataclass(frozen=True, slots=True)
 class Cues:
-    """Stage ``cues``: what fixes the rotation and the imaged centre."""
+    """Stage ``cues``: what fixes the rotation and the imaged centre. Of the straight lines beside the halfway line
+    those that may be markings are apart from the others, which are in another paint than the circle.
+    """
 
     halfway: LineCue | None
     mark: MarkCue | None
     lines: tuple[LineCue, ...] = ()
+    others: tuple[LineCue, ...] = ()

@@ -63,20 +63,30 @@ def test_lines_far_broader_than_their_paint_are_left_out(monkeypatch):
     assert left.observations.lines == (seen[0], seen[2])
 
 
-@pytest.mark.parametrize(("row", "is_taken"), [(60.0, True), (41.0, False)])
-def test_a_faint_line_that_was_measured_before_in_pieces_is_no_other_one(monkeypatch, row, is_taken):
+@pytest.mark.parametrize(
+    ("row", "are_apart", "is_yellow", "is_taken"),
+    [(60.0, False, False, True), (41.0, False, False, False), (41.0, True, False, False), (60.0, False, True, False)],
+)
+def test_a_faint_line_that_is_yellow_or_was_measured_before_in_pieces_is_none(
+    monkeypatch, row, are_apart, is_yellow, is_taken
+):
+    """The pieces may be markings, or were set apart for their colour; so is the faint line where it is yellow."""
+
     def cue(first, last, y, count):
         points = np.stack([np.linspace(first, last, count), np.full(count, y)], axis=-1)
         return LineCue(None, np.ones(3), points, np.ones(count), Segment(points[0], points[-1]), 0.3)
 
     pieces, faint = (cue(0, 500, 40.0, 200), cue(700, 1270, 40.0, 200)), cue(0, 1270, row, 32)
-    attempt = Attempt(cues=Cues(cue(0, 9, 99.0, 9), None, pieces), observations=Observations(1280, 720, (), ()))
+    lines = ((), pieces) if are_apart else (pieces, ())
+    attempt = Attempt(cues=Cues(cue(0, 9, 99.0, 9), None, *lines), observations=Observations(1280, 720, (), ()))
     mask = SimpleNamespace(field_region=None)
     fitted = (mask, None, attempt.cues, attempt.observations, None, None)
     monkeypatch.setattr(Attempt, "fitted", property(lambda self: fitted))
     monkeypatch.setattr(refinements, "lighten_markings", lambda *_: None)
     monkeypatch.setattr(refinements, "find_faint_lines", lambda *_: (faint,))
     monkeypatch.setattr(refinements, "estimate", lambda setting, attempt: attempt)
+    told = Cues(None, None, (), (faint,)) if is_yellow else Cues(None, None, (faint,))
+    monkeypatch.setattr(refinements, "set_apart_other_sports", lambda *_: told)
     setting = SimpleNamespace(circle=None, template=None, width=1280, clock=lambda stage: nullcontext())
     taken = list(refinements.add_faint_lines(setting, SimpleNamespace(marked=None, clear_lines=tuple), attempt))
     assert [attempt.cues.lines[2:] for attempt in taken] == ([(faint,)] if is_taken else [])

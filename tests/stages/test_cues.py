@@ -11,7 +11,7 @@ from circlecal.geometry.projective import line_distance
 from circlecal.observations import Keypoint, LinePoints, MarkPoint, Observations
 from circlecal.paint.centre_mark import _bare_sides, _Rectified
 from circlecal.paint.lines import measure_lines
-from circlecal.paint.other_paints import are_painted_otherwise, leave_out_other_paints
+from circlecal.paint.other_paints import are_painted_otherwise, leave_out_other_paints, leave_out_yellow_lines
 from circlecal.paint.profiles import to_gray
 from circlecal.results import Cues, EllipseFits, LineCue, Segment
 from circlecal.stages.cues import CuesConfig, _line_cue, _split_pieces, cues_from_observations, find_cues
@@ -412,6 +412,31 @@ def test_yellow_that_compression_has_made_nearly_white_is_left_out(painted, grou
     line = LineCue(None, np.array([1.0, 0.0, -200.0]), points, np.full(100, 0.1), ends, 0.1, width_px=3.0)
     fits = EllipseFits(None, None, fit_of(painted.conic(), "center"))
     assert bool(leave_out_other_paints(image, Cues(None, None, (line,)), fits, 5.0).lines) is is_kept
+
+
+@pytest.mark.parametrize(
+    ("added", "is_apart", "is_otherwise"),
+    [
+        ((34, 64, 71), True, True),
+        ((16, 19, 20), False, False),  # white in haze
+        ((15, 36, 30), False, True),  # less red than green
+        ((150, 90, 90), False, False),  # white in a stripe
+    ],
+)
+def test_yellow_lines_on_grass_are_set_apart_and_white_ones_beside_a_bluish_circle_are_not(
+    painted, added, is_apart, is_otherwise
+):
+    """Mown stripes changed what the circle's paint adds to grass."""
+    image = painted.image + np.array(GRASS) + (painted.image > 150) * np.array((50, -20, 0))
+    image = np.clip(image, 0, 255).astype(np.uint8)
+    cv2.line(image, (200, 100), (200, 300), [90 + below + more for below, more in zip(GRASS, added, strict=True)], 3)
+    points = np.stack([np.full(100, 200.0), np.linspace(101.0, 299.0, 100)], axis=-1)
+    ends = Segment(points[0], points[-1])
+    line = LineCue(None, np.array([1.0, 0.0, -200.0]), points, np.full(100, 0.1), ends, 0.1, width_px=3.0)
+    fits = EllipseFits(None, None, fit_of(painted.conic(), "center"))
+    told = leave_out_yellow_lines(image, Cues(None, None, (line,)), fits, 5.0)
+    assert (told.lines, told.others) == (((), (line,)) if is_apart else ((line,), ()))
+    assert are_painted_otherwise(image, (ends,), told, fits, 5.0).tolist() == [is_otherwise]
 
 
 def test_a_rough_line_that_was_measured_in_another_paint_is_told(painted):
