@@ -106,15 +106,20 @@ def test_a_size_may_lie_outside_of_the_rules_by_its_own_error(beyond_m, is_allow
     assert module._is_allowed([(answer, cast("Any", None))], template) is is_allowed
 
 
-def test_parabolas_are_asked_of_every_size_however_unlikely_its_roof(monkeypatch):
-    """On a roof a usual field lost by 37 to one 12 m broader, and on the parabola that it was it won by 14."""
+@pytest.mark.parametrize(
+    ("other_size", "other_names"), [("usual", {}), ("any", {0: "big_rect_left_main"})], ids=["size", "naming"]
+)
+def test_parabolas_are_asked_of_every_size_and_naming_however_unlikely_its_roof(monkeypatch, other_size, other_names):
+    """On a roof a usual field lost by 37 to one 12 m broader, and on the parabola that it was it won by 14; and a field
+    of another size lost with the name of a line by 18 to itself without that name, and won by 4 on a parabola.
+    """
     fit = fit_without_lines()
     surface = replace(fit.problem.model.surface, shape="roof")
     problem = replace(fit.problem, model=replace(fit.problem.model, surface=surface))
     crowned = {world.size: world for world in WORLDS if not world.is_flat}
-    case = SimpleNamespace(rule=lambda rule: rule), fit
+    cases = [(SimpleNamespace(rule=lambda rule: rule, names=names), fit) for names in ({}, other_names)]
     answers = [
-        Answer(crowned[size], problem, fit.state, evidence) for size, evidence in (("any", 0.0), ("usual", -37.0))
+        Answer(crowned[size], problem, fit.state, evidence) for size, evidence in (("any", 0.0), (other_size, -37.0))
     ]
     asked: list[tuple[str, float]] = []
 
@@ -122,8 +127,9 @@ def test_parabolas_are_asked_of_every_size_however_unlikely_its_roof(monkeypatch
         asked.append((answer.world.size, least))
 
     monkeypatch.setattr(module, "bend_answer", bend)
-    module._on_parabola([(answer, cast("Any", case)) for answer in answers], problem.priors, cast("Any", None), 0)
-    assert asked == [("any", -module.OUT_OF_THE_QUESTION), ("usual", -module.OUT_OF_THE_QUESTION)]
+    found = list(zip(answers, cast("list[Any]", cases), strict=True))
+    module._on_parabola(found, problem.priors, cast("Any", None), 0)
+    assert asked == [("any", -module.OUT_OF_THE_QUESTION), (other_size, -module.OUT_OF_THE_QUESTION)]
 
 
 @pytest.mark.parametrize("takes_names", [True, False])
