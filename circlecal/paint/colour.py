@@ -14,6 +14,7 @@ from circlecal.paint.bands import MeasuredCurve
 
 __all__ = [
     "colours_at",
+    "colours_beside",
     "lie_on_one_surface",
     "match_paint",
     "measure_added_colour",
@@ -64,7 +65,7 @@ def _shares_beside(image_bgr: NDArray[np.uint8], segments: Array, farther_px1280
     than usual.
     """
     places = _sample_segments(segments)
-    beside = _colours_beside(image_bgr, *places, np.zeros(1), farther_px1280).reshape(len(segments), _SAMPLES, 2, -1, 3)
+    beside = colours_beside(image_bgr, *places, np.zeros(1), farther_px1280).reshape(len(segments), _SAMPLES, 2, -1, 3)
     colour = beside.mean(axis=-2) + 1.0  # of each sample and side
     return median_of_rows((colour / colour.sum(axis=-1, keepdims=True)).swapaxes(0, 1))
 
@@ -144,7 +145,7 @@ def colours_at(image_bgr: NDArray[np.uint8], places: Array) -> NDArray[np.uint8]
 def measure_added_colours(image_bgr: NDArray[np.uint8], points: Array, normals: Array, widths: Array) -> Array:
     """Colour (N, 3) of each place less that of its sides, beyond markings of these widths (N,) or (1,)."""
     return np.asarray(
-        colours_at(image_bgr, points) - _colours_beside(image_bgr, points, normals, widths).mean(axis=(1, 2))
+        colours_at(image_bgr, points) - colours_beside(image_bgr, points, normals, widths).mean(axis=(1, 2))
     )
 
 
@@ -156,7 +157,7 @@ def measure_added_colour(image_bgr: NDArray[np.uint8], points: Array, normals: A
     return median_of_rows(measure_added_colours(image_bgr, points, across, np.full(1, width_px)))
 
 
-def _colours_beside(
+def colours_beside(
     image_bgr: NDArray[np.uint8], points: Array, normals: Array, widths: Array, farther_px1280: float = 0.0
 ) -> Array:
     """Colours (N, 2, S, 3) on both sides of places (N, 2) on markings of these widths (N,) or (1,), so many pixels at

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.geometry.projective import Array, line_distance
-from circlecal.paint.colour import colours_at, match_paint, measure_added_colour
+from circlecal.paint.colour import colours_at, colours_beside, match_paint, measure_added_colour
 from circlecal.results import Cues, EllipseFits, LineCue, Segment
 
 __all__ = ["are_painted_otherwise", "leave_out_other_paints", "leave_out_yellow_lines"]
@@ -28,6 +28,11 @@ MOST_BLUE = 0.76
 that the shares above tell from the circle's paint, yellow ones have 0.25 to 0.70 of blue and 1.05 of red over green or
 more. Six white ones are told apart by this alone, since their circle was measured to be bluish: five have 0.82 to 1.2
 of blue, the sixth is faint and has 0.93 of red over green.
+"""
+ONE_GROUND = 0.5
+"""How far apart the colours of the ground on either side of a yellow line may be, as a share of what the line adds: on
+rendered pitches ten yellow lines have up to 0.12; the far edge of the grass before a dark strip, yellowish as it is,
+has 1.7.
 """
 HALO_PX, BESIDE_PX, HALO_SHARE = 4, 8, 1.0 / 3.0
 """A sharpened picture has a dark halo beside a light line: within the first so many pixels at 1280 px width lies paint
@@ -121,8 +126,9 @@ def are_painted_otherwise(
 
 
 def _is_yellow_on_grass(image: NDArray[np.uint8], line: LineCue, added: Array, colour: Array) -> bool:
-    """Whether a line on green ground adds less blue and more red than paint of a colour (3,) does: compression smears
-    the colours of narrow lines so far that yellow looks nearly white. On wood it makes white lines yellow.
+    """Whether a line with the same green ground on both sides adds less blue and more red than paint of a colour (3,)
+    does: compression smears the colours of narrow lines so far that yellow looks nearly white. On wood it makes white
+    lines yellow.
     """
     strength = float(np.linalg.norm(added))
     if strength < LEAST_YELLOW:
@@ -130,8 +136,10 @@ def _is_yellow_on_grass(image: NDArray[np.uint8], line: LineCue, added: Array, c
     blue, _, red = added / strength - colour / max(float(np.linalg.norm(colour)), 1e-9)
     if blue >= -LESS_BLUE or red <= MORE_RED or added[0] >= MOST_BLUE * added[2] or added[1] >= added[2]:
         return False
-    ground = np.median(colours_at(image, line.points_px), axis=0) - added
-    return int(ground.argmax()) == GREEN
+    across = np.broadcast_to(_normal_of(line), line.points_px.shape)
+    sides = np.median(colours_beside(image, line.points_px, across, np.full(1, line.width_px)), axis=(0, 2))
+    is_one_ground = float(np.linalg.norm(sides[0] - sides[1])) < ONE_GROUND * strength
+    return is_one_ground and int(sides.mean(axis=0).argmax()) == GREEN
 
 
 def _is_halo(image: NDArray[np.uint8], line: LineCue, colour: Array) -> bool:

@@ -439,6 +439,22 @@ def test_yellow_lines_on_grass_are_set_apart_and_white_ones_beside_a_bluish_circ
     assert are_painted_otherwise(image, (ends,), told, fits, 5.0).tolist() == [is_otherwise]
 
 
+@pytest.mark.parametrize(
+    ("beyond", "added", "is_kept"), [((14, -36, -36), (10, -3, 6), True), ((0, 0, 0), (3, 15, 24), False)]
+)
+def test_a_yellowish_edge_of_the_grass_is_no_yellow_line(painted, beyond, added, is_kept):
+    """Beyond the far touchline a dark strip may begin, and the last of the grass adds to the mean of both."""
+    image = painted.image + np.array(GRASS)
+    image[:, :200] += np.array(beyond)
+    image = np.clip(image, 0, 255).astype(np.uint8)
+    cv2.line(image, (200, 100), (200, 300), (90 + np.array(GRASS) + added).tolist(), 3)
+    points = np.stack([np.full(100, 200.0), np.linspace(101.0, 299.0, 100)], axis=-1)
+    ends = Segment(points[0], points[-1])
+    line = LineCue(None, np.array([1.0, 0.0, -200.0]), points, np.full(100, 0.1), ends, 0.1, width_px=3.0)
+    fits = EllipseFits(None, None, fit_of(painted.conic(), "center"))
+    assert bool(leave_out_yellow_lines(image, Cues(None, None, (line,)), fits, 5.0).lines) is is_kept
+
+
 def test_a_rough_line_that_was_measured_in_another_paint_is_told(painted):
     image = painted.image.copy()
     lines, segments = [], []
