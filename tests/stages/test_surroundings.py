@@ -70,6 +70,19 @@ def test_what_is_coloured_otherwise_than_the_field_is_none_of_it(sky_bgr, is_fie
     assert measure_surroundings(picture(), mask_of(everywhere), fit, SOCCER).above_share > 0.05
 
 
+@pytest.mark.parametrize(("sky", "is_field"), [(180.0, False), (91.0, True)])
+def test_in_gray_pictures_what_is_as_bright_as_the_field_may_be_field(sky, is_field):
+    """Without colours all of the picture is taken for one surface."""
+    everywhere = np.ones((72, 128), np.bool_)
+    gray = picture().astype(np.float64)
+    fit = fit_of(LOW)
+    rows = np.stack([np.full(SIZE[0], 0.5 * SIZE[1]), np.arange(SIZE[0])], axis=-1)
+    gray[~np.isfinite(fit.view.to_field(rows)).all(axis=1)] += sky - 90.0
+    image = np.repeat(gray[..., None], 3, axis=2).clip(0, 255).astype(np.uint8)
+    found = measure_surroundings(image[..., 0], mask_of(everywhere), fit, SOCCER, image_bgr=image)
+    assert (found.above_share > 0.05) == is_field
+
+
 def test_surface_far_beyond_the_border_speaks_against_a_camera_without_further_lines():
     fit = fit_of(LOW)
     found = measure_surroundings(picture(), mask_of(region_of(LOW, 60.0)), fit, SOCCER)
