@@ -12,7 +12,7 @@ import typer
 
 from circlecal.cli import options
 from circlecal.cli.inputs import choose_frames_and_videos, note_late_start, require_frames
-from circlecal.cli.refused_files import RefusedFiles
+from circlecal.cli.sport_hints import SportHints
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -130,7 +130,7 @@ def batch(
     _write_further(exports, run, work.frames, final)
     if refused and not quiet:
         is_chosen = bool(field or config or settings)
-        RefusedFiles.of_run(final).print_hint(chosen, is_chosen=is_chosen, camera_prior=camera_prior, venue=venue)
+        SportHints.of_run(final).print_hint(chosen, is_chosen=is_chosen, camera_prior=camera_prior, venue=venue)
     if failures:
         raise typer.Exit(2)
     if refused:

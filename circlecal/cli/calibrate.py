@@ -9,7 +9,7 @@ import typer
 
 from circlecal.cli import options
 from circlecal.cli.inputs import choose_inputs, require_frames
-from circlecal.cli.refused_files import RefusedFiles
+from circlecal.cli.sport_hints import SportHints
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -84,11 +84,11 @@ def calibrate(
         require_frames(inputs, frames)
     prepare_folder(out)
     summaries: list[FrameSummary] = []
-    refused_files = RefusedFiles()
+    hints = SportHints()
     with console.progress_display(quiet=quiet or len(frames) <= 1) as show:
         for record in _records(frames, run, show, console.error_reporter(failures)):
             summaries.append(summarise(record))
-            refused_files.add(record)
+            hints.add(record)
             for note in () if quiet else _notes(record, chosen):
                 console.print_note(note)
             if json_lines:
@@ -99,7 +99,7 @@ def calibrate(
             console.print_summaries(summaries)
         console.print_note(_name_files([summary.id for summary in summaries], out, chosen, exports.written))
         is_chosen = bool(field or config or settings)
-        refused_files.print_hint(chosen, is_chosen=is_chosen, camera_prior=camera_prior, venue=venue)
+        hints.print_hint(chosen, is_chosen=is_chosen, camera_prior=camera_prior, venue=venue)
     if failures:
         raise typer.Exit(2)
     if any(summary.status != "calibrated" for summary in summaries):

@@ -11,7 +11,7 @@ import typer
 
 from circlecal.cli import options
 from circlecal.cli.inputs import choose_videos, note_late_start
-from circlecal.cli.refused_files import RefusedFiles
+from circlecal.cli.sport_hints import SportHints
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -104,7 +104,7 @@ def track(
         _print_report(report, run, out, as_json=as_json, quiet=quiet)
         if refused and not quiet:
             is_chosen = bool(field or config or settings)
-            RefusedFiles.of_run(out).print_hint(chosen, is_chosen=is_chosen, camera_prior=None, venue=venue)
+            SportHints.of_run(out).print_hint(chosen, is_chosen=is_chosen, camera_prior=None, venue=venue)
     if failures:
         raise typer.Exit(2)
     if refused:

@@ -1,4 +1,4 @@
-"""What may help refused pictures and videos, said once at the end of a run."""
+"""What may help refused pictures and videos, and doubt of calibrated ones, said once at the end of a run."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from circlecal.cli.refused_files import RefusedFiles
+from circlecal.cli.sport_hints import SportHints
 from circlecal.config import Config
 from circlecal.records.parts import SourceRecord
 from circlecal.records.record import ResultRow
@@ -26,7 +26,7 @@ def row(path: Path, status: str = "refused", time_s: float | None = None, code: 
 
 
 def hint(capsys: pytest.CaptureFixture[str], *rows: ResultRow, **known: object) -> str:
-    files = RefusedFiles()
+    files = SportHints()
     for one in rows:
         files.add(one)
     files.print_hint(Config(), **{**NOTHING_KNOWN, **known})
@@ -40,7 +40,7 @@ def test_the_ground_of_pictures_is_looked_at(capsys, tmp_path):
     assert "what was refused was taken for soccer; --field auto" in hint(capsys, row(turf), row(tmp_path / "gone.png"))
 
 
-def test_a_video_with_a_calibrated_frame_shows_its_sport(capsys, tmp_path):
+def test_a_video_with_a_calibrated_frame_is_no_refused_file(capsys, tmp_path):
     clip = tmp_path / "clip.avi"
     size = 160, 120
     writer = cv2.VideoWriter(str(clip), cv2.VideoWriter_fourcc(*"MJPG"), 5.0, size)
@@ -52,8 +52,18 @@ def test_a_video_with_a_calibrated_frame_shows_its_sport(capsys, tmp_path):
     refused = [row(clip, time_s=0.0), row(clip, time_s=0.2)]
     assert "clip: the ground is no turf" in hint(capsys, *refused)
     right = row(clip, "calibrated", 0.4, None)
-    assert hint(capsys, *refused, right) == ""
-    assert hint(capsys, right, *refused) == ""
+    doubted = "circlecal: clip: taken for soccer, but the ground is no turf; --field auto tries other sports\n"
+    assert hint(capsys, *refused, right) == doubted
+    assert hint(capsys, right, *refused) == doubted
+
+
+def test_a_calibrated_picture_on_a_floor_is_doubted_where_no_field_was_named(capsys, tmp_path):
+    floor, turf = paint_ground(tmp_path / "floor.png", WOOD), paint_ground(tmp_path / "turf.png", TURF)
+    told = "circlecal: floor: taken for soccer, but the ground is no turf; --field auto tries other sports\n"
+    assert hint(capsys, row(turf, "calibrated"), row(floor, "calibrated")) == told
+    assert hint(capsys, row(turf, "calibrated")) == ""
+    assert hint(capsys, row(floor, "calibrated"), is_chosen=True) == ""
+    assert hint(capsys, row(floor, "calibrated"), venue=tmp_path) == ""
 
 
 def test_what_is_no_picture_or_damaged_tells_nothing(capsys, tmp_path):

@@ -1,4 +1,6 @@
-"""Files of which everything was refused, and what may help them: another sport, or no known camera."""
+"""What may help files of which everything was refused, and doubt of those that were calibrated on another ground than
+that of their field: another sport, or no known camera.
+"""
 
 from __future__ import annotations
 
@@ -13,17 +15,15 @@ if TYPE_CHECKING:
     from circlecal.records.record import ResultRow
 
 _FEW = 4
-"""Refused files of which the ground is looked at, the first ones: that takes as long as to read them again."""
+"""Files of which the ground is looked at, the first ones: that takes as long as to read them again."""
 
 
 @dataclass(slots=True)
-class RefusedFiles:
-    """Pictures, and videos by a frame of theirs, in which nothing was calibrated: a video with one calibrated frame
-    shows the sport that it was taken for.
-    """
+class SportHints:
+    """Pictures, and videos by a frame of theirs: those in which nothing was calibrated, and the others."""
 
     _refused: dict[str, tuple[str, float | None]] = field(default_factory=dict)
-    _calibrated: set[str] = field(default_factory=set)
+    _calibrated: dict[str, tuple[str, float | None]] = field(default_factory=dict)
 
     @classmethod
     def of_run(cls, folder: Path) -> Self:
@@ -41,13 +41,13 @@ class RefusedFiles:
         from circlecal.pictures.files import PICTURE_SUFFIXES
 
         path = record.path or ""
-        if record.status == "calibrated":
-            self._calibrated.add(path)
-            self._refused.pop(path, None)
-            return
         time_s = None if record.source is None else record.source.time_s
-        is_picture = time_s is not None or path.lower().endswith(PICTURE_SUFFIXES)
-        if is_picture and path not in self._calibrated and record.code != "unreadable_input":
+        if not (time_s is not None or path.lower().endswith(PICTURE_SUFFIXES)) or record.code == "unreadable_input":
+            return
+        if record.status == "calibrated":
+            self._calibrated.setdefault(path, (record.id, time_s))
+            self._refused.pop(path, None)
+        elif path not in self._calibrated:
             self._refused.setdefault(path, (record.id, time_s))
 
     def print_hint(self, config: Config, *, is_chosen: bool, camera_prior: Path | None, venue: Path | None) -> None:
@@ -59,24 +59,31 @@ class RefusedFiles:
         known = "--camera-prior" if camera_prior else "--venue" if venue else None
         if self._refused and known is not None:
             console.print_note(f"leave {known} out for frames that another camera took: they are refused with it")
-        elif self._refused and not is_chosen:
-            console.print_note(self._name_sport(config))
+        elif not is_chosen and known is None and (told := self._name_sport(config)) is not None:
+            console.print_note(f"{told}; --field auto tries other sports")
 
-    def _name_sport(self, config: Config) -> str:
-        """Which of them lie on other ground than the field in use, or that they were taken for that field."""
-        from circlecal.pipeline.field_choice import is_on_strange_ground
+    def _name_sport(self, config: Config) -> str | None:
+        """Which files lie on other ground than the field in use, or that the refused ones were taken for that field."""
+        strange = _find_strange(self._refused, config)
+        if strange:
+            return f"{', '.join(strange)}: the ground is no turf"
+        if self._refused:
+            return f"what was refused was taken for {config.field.template}"
+        strange = _find_strange(self._calibrated, config)
+        told = f"{', '.join(strange)}: taken for {config.field.template}, but the ground is no turf"
+        return told if strange else None
 
-        strange = []
-        for path, (name, time_s) in islice(self._refused.items(), _FEW):
-            picture = _read_again(Path(path), time_s, config)
-            if picture is not None and is_on_strange_ground(picture, config):
-                strange.append(name)
-        told = (
-            f"{', '.join(strange)}: the ground is no turf"
-            if strange
-            else f"what was refused was taken for {config.field.template}"
-        )
-        return f"{told}; --field auto tries other sports"
+
+def _find_strange(files: dict[str, tuple[str, float | None]], config: Config) -> list[str]:
+    """Names of the files, among the first few, that lie on other ground than the field in use."""
+    from circlecal.pipeline.field_choice import is_on_strange_ground
+
+    strange = []
+    for path, (name, time_s) in islice(files.items(), _FEW):
+        picture = _read_again(Path(path), time_s, config)
+        if picture is not None and is_on_strange_ground(picture, config):
+            strange.append(name)
+    return strange
 
 
 def _read_again(path: Path, time_s: float | None, config: Config) -> Picture | None:
