@@ -224,14 +224,14 @@ def observations_beside(
     template, sources : FieldTemplate, SourcesConfig
         As for :func:`circlecal.formats.meaning.observe`.
     size : (int, int)
-        Width and height of the picture; a file of another size is stretched to it.
+        Width and height of the picture; a file of another size and the same aspect is scaled to it.
     format_name : str, optional
         Format of the file; recognised when None.
 
     Raises
     ------
     InputError
-        Nothing for this frame, or an unusable file.
+        Nothing for this frame, an unusable file, or one of pictures of another aspect.
     """
     path = _file_for(given, frame)
     known, frames = read_annotations(path, size, format_name)

@@ -12,11 +12,16 @@ from typing import Any, Literal
 
 import numpy as np
 
+from circlecal.errors import InputError
 from circlecal.geometry.projective import Array
 from circlecal.observations import Observations
 
 ShapeKind = Literal["points", "line", "ellipse"]
 ELLIPSE_SAMPLES = 48
+ROUNDING_PX = 2.0
+"""A resized picture has whole pixels: its height may differ from the one that its width asks for by so many pixels of
+the smaller picture. 4:3 and 16:10 differ from 16:9 by 120 and 40 rows at 640 px width.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,9 +87,19 @@ class AnnotatedFrame:
     observations: Observations | None = None
 
     def resize(self, width: int, height: int) -> AnnotatedFrame:
-        """The frame on a picture of another size; the corners of the picture stay its corners."""
+        """The frame on a picture of another size; the corners of the picture stay its corners.
+
+        Raises
+        ------
+        InputError
+            The other picture has another aspect, so that it is another part of the scene or distorted.
+        """
         if (width, height) == (self.width, self.height):
             return self
+        off = abs(self.width * height - width * self.height) / max(self.width, width)
+        if off > ROUNDING_PX:
+            sizes = f"{self.width}x{self.height}, the picture {width}x{height}"
+            raise InputError(f"{self.id}: the annotation is of {sizes}, which has another aspect")
         factor = np.array([width / self.width, height / self.height])
         shapes = tuple(replace(shape, points_px=(shape.points_px + 0.5) * factor - 0.5) for shape in self.shapes)
         return replace(self, width=width, height=height, shapes=shapes, observations=None)

@@ -6,7 +6,7 @@ import io
 import threading
 import zipfile
 from collections import OrderedDict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -39,12 +39,14 @@ from circlecal.workbench.measuring import (
     measure_picture,
     snap_click,
 )
-from circlecal.workbench.store import AnnotationStore
+from circlecal.workbench.store import AnnotationStore, NewerError
 
 HELD = 12
 """Open pictures that are held, so that going back and forth measures nothing again; 1080p takes about 10 MB each."""
 JPEG_QUALITY = 93
 MOST_PATH_POINTS = 2000
+UNKNOWN_SIZE = (1920, 1080)
+"""Size in which a file that tells none is read, until it is known which frame it is of, pixels."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,44 +257,72 @@ class Session:
             if annotation is not None:
                 yield annotation
 
-    def take_in(self, name: str, content: bytes) -> dict[str, int]:
+    def take_in(self, name: str, content: bytes) -> dict[str, Any]:
         """Take the frames of another program's file into the annotations, by their names.
 
         Returns
         -------
         dict
-            How many frames were ``taken``, and how many are ``unknown`` here.
+            How many frames were ``taken``, how many are ``unknown`` here, and ``warnings``, one line each, of what was
+            left out.
 
         Raises
         ------
         InputError
-            The file is none of the known formats.
+            The file is none of the known formats, or nothing of the frames that are known here can be used.
         """
         path = self.store.folder / "imported" / Path(name.replace("\\", "/")).name
         write_atomic(path, content)
         numbers = {frame.file.id: k for k, frame in enumerate(self.frames)}
         numbers |= {frame.file.path.stem: k for k, frame in enumerate(self.frames) if frame.file.time_s is None}
-        sizes = {(self.open(k).begun.width, self.open(k).begun.height) for k in {numbers.get(path.stem, 0)}}
-        found, frames = read_annotations(path, next(iter(sizes)))
+        source, frames = self._read(path, numbers)
+        known = [(numbers[frame.id], frame) for frame in frames if frame.id in numbers]
         taken = 0
-        for frame in frames:
-            index = numbers.get(frame.id)
-            if index is not None:
-                self._merge(index, frame, found.name)
+        warnings: list[str] = []
+        for index, frame in known:
+            try:
+                warnings += self._merge(index, frame, source)
                 taken += 1
-        return {"taken": taken, "unknown": len(frames) - taken}
+            except (InputError, NewerError) as error:
+                warnings.append(str(error))
+        if known and not taken:
+            raise InputError(warnings[0])
+        return {"taken": taken, "unknown": len(frames) - len(known), "warnings": warnings}
 
-    def _merge(self, index: int, frame: AnnotatedFrame, source: str) -> None:
-        """The imported markings in the place of those of the same names."""
+    def _read(self, path: Path, numbers: Mapping[str, int]) -> tuple[str, list[AnnotatedFrame]]:
+        """Name of the format and frames of a file; one that does not say how large its picture is has the size of the
+        frame that it is of.
+        """
+        found, frames = read_annotations(path, UNKNOWN_SIZE)
+        index = numbers.get(frames[0].id) if len(frames) == 1 else None
+        if index is None:
+            return found.name, frames
+        begun = self.open(index).begun
+        return found.name, read_annotations(path, (begun.width, begun.height), found.name)[1]
+
+    def _merge(self, index: int, frame: AnnotatedFrame, source: str) -> tuple[str, ...]:
+        """The imported markings in the place of those of the same names; what was left out, one line each.
+
+        Raises
+        ------
+        InputError
+            The file is of a picture of another aspect, or nothing in it is a marking of the field.
+        NewerError
+            The frame was changed elsewhere meanwhile.
+        """
         current = self.annotation(index)
         fitting = frame.resize(current.width, current.height)
-        seen = observe(fitting, self.template, self.config.sources, source, frame.id).observations
-        imported = markings_of(seen, "imported")
+        seen = observe(fitting, self.template, self.config.sources, source, frame.id)
+        imported = markings_of(seen.observations, "imported")
+        if not imported:
+            left_out = f": {seen.warnings[0]}" if seen.warnings else ""
+            raise InputError(f"{frame.id}: nothing in it is a marking of this field{left_out}")
         names = {marking.name for marking in imported if marking.name is not None}
         kept = [m for m in current.markings if m.name is None or m.name not in names]
         changed = current.model_copy(update={"markings": [*kept, *imported]})
-        saved = self.store.save(changed, current.revision)
-        self.frames[index] = replace(self.frames[index], annotated=True, flag=saved.flag)
+        self.store.save(changed, current.revision)
+        self.show(index)
+        return seen.warnings
 
 
 def _jpeg(picture: NDArray[np.uint8]) -> bytes:

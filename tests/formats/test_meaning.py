@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from circlecal.config import load_config
+from circlecal.errors import InputError
 from circlecal.field import load_field
 from circlecal.formats.cameras import derive_shapes
 from circlecal.formats.meaning import SourcesConfig, add_halfway_ends, observe, read_observations
@@ -122,6 +123,13 @@ def test_a_picture_of_another_size(seen):
     large = seen.resize(1920, 1080)
     assert large.shapes[2].points_px == pytest.approx((seen.shapes[2].points_px + 0.5) * 2 - 0.5)
     assert seen.resize(960, 540) is seen
+    assert seen.resize(427, 240).width == 427  # 240.2 rows would be exact
+
+
+@pytest.mark.parametrize("size", [(1440, 1080), (1920, 1200), (540, 540)])
+def test_a_picture_of_another_aspect_is_refused(seen, size):
+    with pytest.raises(InputError, match="has another aspect"):
+        seen.resize(*size)
 
 
 def test_other_fields_have_other_names():

@@ -135,6 +135,35 @@ def of_ten_thousand_frames_only_those_in_view_are_drawn(browser):
     assert told["few"] == sum(f"f{k}".startswith("f99") or "f99" in f"f{k}" for k in range(0, 10_000, 3))
 
 
+def test_what_is_typed_is_taken_back_on_the_page_too(browser, serve, folder, tmp_path):
+    def typed() -> list[str]:
+        return browser.run(
+            "return [document.getElementById('note').value, document.getElementById('flag').value,"
+            "document.querySelector('#priors input').value]"
+        )
+
+    def press(button: str) -> None:
+        browser.run(f"document.getElementById('{button}').click()")
+
+    go_to(browser, serve(folder / "good.png", "--out", tmp_path)[1], "good")
+    for selector, value in (("#note", "windy"), ("#flag", "no_field"), ("#priors input", "104")):
+        browser.run(
+            f"const input = document.querySelector('{selector}'); input.value = '{value}';"
+            "input.dispatchEvent(new Event('change'))"
+        )
+    for _ in range(3):
+        press("undo")
+    assert typed() == ["", "", ""]
+    for _ in range(3):
+        press("redo")
+    assert typed() == ["windy", "no_field", "104"]
+    press("reset")
+    assert typed() == ["windy", "", ""]
+    for _ in range(4):
+        press("undo")
+    browser.wait(SAVED)
+
+
 def test_two_clicks_calibrate_a_refused_frame_and_undo_takes_them_back(browser, server, out, wide_camera):
     address = server[1]
     go_to(browser, address)

@@ -130,9 +130,52 @@ def test_annotations_go_out_and_come_back(client, tmp_path):
     labels = {shape.label for frame in frames for shape in frame.shapes}
     assert {"Circle central", "Side line top"} <= labels
     told = client.json("import?name=labelstudio.json", "POST", content)
-    assert told == {"taken": len(frames), "unknown": 0}
+    assert told == {"taken": len(frames), "unknown": 0, "warnings": []}
     assert client.ask("import?name=x.json", "POST", b"nonsense")[0] == 400
     assert client.ask("export/nothing")[0] == 400
+
+
+def labelme(size: tuple[int, int], *labels: str) -> dict[str, object]:
+    points = [[100.0, 100.0], [400.0, 120.0]]
+    shapes = [{"label": label, "shape_type": "line", "points": points} for label in labels]
+    return {"shapes": shapes, "imagePath": "keys.png", "imageWidth": size[0], "imageHeight": size[1]}
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (labelme((960, 540), "goose"), "keys: nothing in it is a marking of this field: keys: goose"),
+        (labelme((540, 540), "Side line top"), "keys: the annotation is of 540x540, the picture 960x540"),
+    ],
+    ids=["label", "aspect"],
+)
+def test_a_file_that_cannot_be_used_changes_nothing(client, out, content, told):
+    status, answer, _ = client.ask("import?name=keys.json", "POST", content)
+    assert status == 400 and told in json.loads(answer)["error"]
+    assert not (out / "keys.json").exists()
+    assert not client.json("frames.json")["frames"][number_of(client, "keys")][5]
+
+
+def test_an_imported_frame_is_judged_anew_and_what_was_left_out_is_told(client):
+    keys = number_of(client, "keys")
+    shown = client.json(f"frames/{keys}.json")
+    line = next(m for m in shown["annotation"]["markings"] if m["kind"] == "line" and len(m["points_px"]) > 100)
+    half = [[(x + 0.5) / 2, (y + 0.5) / 2] for x, y in line["points_px"][::20]]
+    content = labelme((480, 270), "Side line top", "goose")
+    content["shapes"][0] |= {"shape_type": "linestrip", "points": half}
+    told = client.json("import?name=keys.json", "POST", content)
+    assert (told["taken"], told["unknown"]) == (1, 0)
+    assert len(told["warnings"]) == 1 and "goose" in told["warnings"][0]
+    after = client.json("frames.json")["frames"][keys]
+    assert shown["row"][1] == "refused" and after[1] in ("calibrated", "doubtful") and after[5]
+
+
+def test_a_file_without_a_size_is_read_in_that_of_its_frame(client, out):
+    line = {"Side line top": [{"x": 0.0, "y": 0.5}, {"x": 1.0, "y": 0.25}]}
+    assert client.json("import?name=keys.json", "POST", line)["taken"] == 1
+    stored = parse_annotation(out / "keys.json", (out / "keys.json").read_bytes())
+    (imported,) = [m for m in stored.markings if m.source == "imported"]
+    assert imported.points_px == [[0.0, 269.5], [959.0, 134.75]]
 
 
 def test_a_frame_to_begin_with_must_be_there(folder, run_circlecal):

@@ -7,7 +7,7 @@ import { Stage } from "./stage.js";
 const by = (id) => document.getElementById(id);
 const make = (tag, properties, ...inside) => { const node = Object.assign(document.createElement(tag), properties); node.append(...inside); return node; };
 const words = (name) => name.replaceAll("_", " ");
-const SETTLE_MS = 350;
+const SETTLE_MS = 350, MOST_LINES = 12;
 const PRIORS = [["field.sizes.length", "field length, m", 105], ["field.sizes.width", "field width, m", 68], ["camera.crown_m", "crown at the circle, m", 0.05], ["camera.k1_mean", "lens, kappa", 0.03]];
 
 let field = null, map = null, list = null, index = -1, annotation = null, answer = null;
@@ -17,7 +17,8 @@ const past = [], future = [];
 const copy = (value) => structuredClone(value);
 const content = () => copy({ markings: annotation.markings, note: annotation.note, flag: annotation.flag, settings: annotation.settings });
 const kindOf = (name) => field.markings.find((m) => m.name === name)?.kind || "point";
-const trouble = (error) => { by("trouble-text").textContent = error.message; if (!by("trouble").open) by("trouble").showModal(); };
+const tellAll = (title, text) => { by("trouble-title").textContent = title; by("trouble-text").textContent = text; if (!by("trouble").open) by("trouble").showModal(); };
+const trouble = (error) => tellAll("That did not work", error.message);
 const guarded = (act) => async (...given) => { try { return await act(...given); } catch (error) { trouble(error); return undefined; } };
 
 const stage = new Stage(by("stage"), {
@@ -49,6 +50,7 @@ const undo = (from, to) => {
   to.push(content());
   Object.assign(annotation, from.pop());
   chosen = -1;
+  fill();
   stored();
 };
 
@@ -129,9 +131,7 @@ const open = guarded(async (wanted) => {
   stage.picture.alt = `The frame ${annotation.id}`;
   stage.load(`frames/${wanted}.jpg`, annotation.width, annotation.height);
   by("saved").textContent = annotation.touched ? "saved" : "";
-  by("note").value = annotation.note;
-  by("flag").value = annotation.flag || "";
-  priors();
+  fill();
   draw(); listed();
   history.replaceState(null, "", `#${encodeURIComponent(annotation.id)}`);
   await offer();
@@ -278,6 +278,13 @@ const priors = () => by("priors").replaceChildren(...PRIORS.map(([key, label, us
   return make("label", {}, label, input);
 }));
 
+// What can be typed, as the annotation has it: whenever that is another one than what was typed.
+const fill = () => {
+  by("note").value = annotation.note;
+  by("flag").value = annotation.flag || "";
+  priors();
+};
+
 // --- keys
 
 const step = (event) => ({ ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] })[event.key];
@@ -367,10 +374,13 @@ by("larger").addEventListener("click", () => stage.zoomAt(1.4));
 by("smaller").addEventListener("click", () => stage.zoomAt(1 / 1.4));
 by("note").addEventListener("change", () => change((a) => { a.note = by("note").value; }));
 by("flag").addEventListener("change", () => change((a) => { a.flag = by("flag").value || null; }));
-by("reset").addEventListener("click", () => change((a) => {
-  a.markings = a.markings.filter((m) => m.source === "measured").map((m) => ({ ...m, name: m.kind === "line" ? null : m.name }));
-  a.flag = null; a.settings = {};
-}));
+by("reset").addEventListener("click", () => {
+  change((a) => {
+    a.markings = a.markings.filter((m) => m.source === "measured").map((m) => ({ ...m, name: m.kind === "line" ? null : m.name }));
+    a.flag = null; a.settings = {};
+  });
+  fill();
+});
 by("theme").addEventListener("click", () => setTheme(setTheme(null) && document.documentElement.dataset.theme !== "light" ? "light" : document.documentElement.dataset.theme === "light" ? "dark" : "dark"));
 by("help").addEventListener("click", () => by("keys").showModal());
 by("close-keys").addEventListener("click", () => by("keys").close());
@@ -380,10 +390,12 @@ by("format").addEventListener("change", () => { by("export").href = `export/${by
 by("import").addEventListener("change", guarded(async () => {
   const [file] = by("import").files;
   if (!file) return;
-  const told = await net.takeIn(file);
-  by("import").value = "";
-  by("saved").textContent = `${told.taken} taken in, ${told.unknown} unknown`;
+  let told;
+  try { told = await net.takeIn(file); } finally { by("import").value = ""; }  // so that it can be chosen again
   list.frames = (await net.listing()).frames;
-  await open(index);
+  const opened = open(index), [shown, more] = [told.warnings.slice(0, MOST_LINES), told.warnings.length - MOST_LINES];
+  if (shown.length) tellAll("Taken in, but for this", [...shown, ...(more > 0 ? [`and ${more} more`] : [])].join("\n"));
+  await opened;
+  by("saved").textContent = `${told.taken} taken in, ${told.unknown} unknown`;
 }));
 start();
