@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 import circlecal
+from circlecal.config import config_names, load_config
 from circlecal.errors import ConfigError, InputError
+from circlecal.field import load_field
 
 CENTRE_AND_RIM = np.array([[0.0, 0.0], [9.15, 0.0], [0.0, -9.15]])
 CALLS = {
@@ -350,6 +352,31 @@ def test_points_that_are_none(points, part):
 def test_too_few_points_are_refused():
     calibration = circlecal.calibrate_points(size=(960, 540), keypoints={"centre_mark": [480, 270]})
     assert not calibration.ok and calibration.help
+
+
+@pytest.mark.parametrize("config", [None, *config_names()])
+def test_points_go_with_every_configuration(config):
+    """Points of a call come in no format of a file; whether they suffice is another question."""
+    field = "soccer" if config is None else load_config(config).field.template
+    halfway = load_field(field).halfway_line
+    points = [[963, 412], [840, 466], [602, 475], [430, 432], [429, 373], [564, 335], [750, 329], [911, 357]]
+    found = circlecal.calibrate_points(
+        size=(1280, 720), circle=points, lines={halfway: [[749, 210], [607, 623]]}, config=config
+    )
+    assert found.ok or found.reason
+    assert found.attempt.observations.circles
+
+
+@pytest.mark.parametrize(("convention", "radius_m", "half_m"), [("official", 9.15, 34.0), ("paint", 9.09, 33.94)])
+def test_keypoints_lie_where_the_convention_puts_them(frame_camera, convention, radius_m, half_m):
+    names = {"centre_circle top": (0.0, -radius_m), "halfway_line x side_line_top": (0.0, -half_m)}
+    found = circlecal.calibrate_points(
+        size=(960, 540),
+        keypoints={name: frame_camera.project(np.array(place)) for name, place in names.items()},
+        convention=convention,
+    )
+    told = {point.name: point.field_m.tolist() for point in found.attempt.observations.keypoints}
+    assert told == {name: pytest.approx(place) for name, place in names.items()}
 
 
 def test_points_beside_a_picture(frame_image, frame_camera):

@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from circlecal import results
 from circlecal.api.calibration import Calibration
-from circlecal.config import Config, load_config
-from circlecal.errors import InputError
+from circlecal.config import Config, load_config, suit_config
+from circlecal.errors import ConfigError, InputError
 from circlecal.field import FieldTemplate
 from circlecal.formats.annotation import Annotation
 from circlecal.formats.inputs import observations_beside, observe_network
@@ -197,6 +197,33 @@ def calibrate_annotation(
     return replace(found, attempt=results.Attempt(observations=observations, verdict=verdict))
 
 
+def suit_annotation(config: Config, annotation: Annotation) -> Config:
+    """The configuration for the field on which an annotation was made, where the configuration names none.
+
+    Parameters
+    ----------
+    config : Config
+        Options of every stage.
+    annotation : Annotation
+        Of the workbench.
+
+    Raises
+    ------
+    InputError
+        The configuration names another field, or the annotation's field is no template and no file here.
+    """
+    field, named = annotation.field, config.field.template
+    if "field" not in annotation.model_fields_set or field == named or Path(field).name == Path(named).name:
+        return config
+    is_named = named != "auto" and {"field", "template"} <= config.model_fields_set | config.field.model_fields_set
+    if is_named:
+        raise InputError(f"{annotation.id}: was annotated on the field {field}, not on {named}; name it with --field")
+    try:
+        return suit_config(config, field)
+    except ConfigError as error:
+        raise InputError(f"{annotation.id}: its field cannot be read: {error}; name it with --field") from error
+
+
 def calibrate_points(
     *,
     size: tuple[int, int],
@@ -252,9 +279,9 @@ def calibrate_points(
     else:
         circles = circle if isinstance(circle, Mapping) else {seen.name: circle}
     given: Points = {**circles, **(lines or {}), **(keypoints or {})}
+    template = apply_convention(template, convention)
     observations = observe_points(given, template, chosen, size, sigma_px)
     found = run_observations(observations, chosen, frame_id=id, convention=convention)
-    template = apply_convention(template, convention)
     return Calibration(result_record(found, template), template, found=found)
 
 

@@ -115,7 +115,8 @@ def observe(
     observations = reading.observations(frame.width, frame.height)
     if measured is not None:
         observations = join_observations(measured, observations)
-    if sources.halfway_ends and annotation_formats()[source].marks_line_ends:
+    known = annotation_formats().get(source)  # points of a call come in none
+    if sources.halfway_ends and known is not None and known.marks_line_ends:
         observations = add_halfway_ends(observations, template)
     warnings = (*frame.warnings, *reading.warnings)
     return ObservedFrame(frame.id, frame.width, frame.height, observations, frame.image, warnings, frame.original)

@@ -159,11 +159,20 @@ def parse_sound_parts(content: bytes) -> ResultRecord:
 
 
 def is_record(content: bytes) -> bool | None:
-    """Whether a JSON text is meant to be a record, sound or not; None where it is no JSON."""
+    """Whether a JSON text is meant to be a record, sound or not; None where it is no JSON. Lines of JSON, as other
+    programs write them, are none.
+    """
     try:
-        value = json.loads(content)
+        return _is_record(json.loads(content))
+    except (ValueError, RecursionError):
+        first, _, rest = content.partition(b"\n")
+    try:
+        return False if rest.strip() and not _is_record(json.loads(first)) else None
     except (ValueError, RecursionError):
         return None
+
+
+def _is_record(value: object) -> bool:
     return isinstance(value, dict) and value.keys() >= {"schema_version", "status"}
 
 

@@ -123,9 +123,11 @@ def fit_observations(
     few = config.model_copy(update={"minimum_points": MINIMUM_GIVEN_POINTS})
     unit = width / 1920.0
     found: dict[CircleEdge, EllipseFit | None] = {"outer": None, "inner": None, "center": None}
-    for seen in observations.circles:
-        if seen.circle == circle:
-            found[seen.edge] = fit_edge(seen.edge, seen.points_px, seen.sigma_px, unit, few, rng)
+    for edge in found:
+        seen = [c for c in observations.circles if c.circle == circle and c.edge == edge]
+        if seen:
+            points, sigma = (np.concatenate([getattr(c, name) for c in seen]) for name in ("points_px", "sigma_px"))
+            found[edge] = fit_edge(edge, points, sigma, unit, few, rng)
     fits = EllipseFits(found["outer"], found["inner"], found["center"])
     if not fits.all():
         raise refuse("ellipse", "no_ellipse", f"at least 6 points of {circle!r} are needed")

@@ -16,6 +16,7 @@ from circlecal.geometry.camera import camera_from_soccernet
 from circlecal.observations import MarkingKey
 from circlecal.pipeline import run
 from circlecal.records.json_text import parse_record, parse_sound_parts, read_result, result_line, write_result
+from circlecal.records.log import read_records
 from circlecal.records.record import SCHEMA_VERSION, ResultRecord, ResultRow
 from circlecal.records.stored import calibration_of_record
 from circlecal.records.summary import summarise
@@ -209,6 +210,16 @@ def test_a_record_comes_back_as_it_was(calibrated, refused, template):
     for frame in (calibrated, refused):
         record = result_record(frame, template)
         assert parse_record(result_line(record).encode(), ResultRecord, "line", "") == record
+
+
+def test_lines_of_json_beside_results_are_none_of_them(tmp_path, calibrated, template):
+    """As ``--to tvcalib`` writes them into a folder of results."""
+    write_result(tmp_path / "a.json", result_record(calibrated, template))
+    (tmp_path / "per_sample_output.json").write_text('{"image_ids": "a.jpg"}\n{"image_ids": "b.jpg"}\n')
+    assert [record.id for record in read_records(tmp_path)] == [calibrated.id]
+    (tmp_path / "torn.json").write_text('{"schema_version": 1, "status": "calibrated", "id": "b"}\n{"x"\n')
+    with pytest.raises(InputError, match="torn"):
+        list(read_records(tmp_path))
 
 
 def test_keys_that_are_not_known_stay(refused, template):

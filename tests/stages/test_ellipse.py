@@ -197,3 +197,13 @@ def test_a_handful_of_given_points_is_enough():
         fit_observations(Observations(1920, 1080, (few,)), "centre_circle", 1920, CONFIG, rng())
     assert refused.value.code == "no_ellipse"
     assert "centre_circle" in refused.value.reason
+
+
+def test_points_of_one_edge_in_several_pieces_give_one_ellipse():
+    points = ELLIPSE.points(np.linspace(0.2, 5.0, 8))
+    pieces = tuple(
+        CirclePoints("centre_circle", "outer", part, np.ones(len(part))) for part in np.split(points, [3, 7])
+    )
+    found = fit_observations(Observations(1920, 1080, pieces), "centre_circle", 1920, CONFIG, rng())
+    assert len(found.outer.points_px) == 8
+    np.testing.assert_allclose(found.outer.ellipse.center, ELLIPSE.center, atol=1e-6)
