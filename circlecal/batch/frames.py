@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal import overlay
-from circlecal.api.calls import calibrate_annotation, calibrate_picture
+from circlecal.api.calls import calibrate_annotation, calibrate_picture, suit_annotation
 from circlecal.config import Config, config_digest
 from circlecal.detection.keypoints import require_keypoint_networks
 from circlecal.errors import InputError
-from circlecal.field import FieldTemplate
+from circlecal.field import Circle, FieldTemplate
 from circlecal.files import fingerprint
 from circlecal.formats.annotation import find_annotation
 from circlecal.formats.cameras import Size
@@ -187,10 +187,10 @@ class FrameRun:
         template, circle = field_of(self.config)
         if isinstance(frame, FrameOfFile):
             picture = None if self.out is None else _picture_of(frame, self.config.limits)
-            calibration = calibrate_observations(frame.observed, self.config, frame.path, self.convention)
+            calibration, template, circle = self._calibrate_by_file(frame)
             record = result_record(calibration, template, digest=self.digest)
             if self.exports is not None:
-                in_force = apply_convention(template, self.convention)
+                in_force = template if frame.annotation is not None else apply_convention(template, self.convention)
                 self.exports.add(record, in_force, circle, frame.image, frame.observed)
         else:
             picture, record, calibration = self._calibrate_picture(frame, template)
@@ -201,6 +201,16 @@ class FrameRun:
         if self.out is not None:
             write_outputs(picture, calibration, record, self.config, self.out)
         return record
+
+    def _calibrate_by_file(self, frame: FrameOfFile) -> tuple[FrameCalibration, FieldTemplate, Circle]:
+        """From the file alone; what the workbench wrote counts as it does beside a picture, on its own field."""
+        by_hand = frame.annotation
+        if by_hand is None:
+            found = calibrate_observations(frame.observed, self.config, frame.path, self.convention)
+            return found, *field_of(self.config)
+        config = suit_annotation(self.config, by_hand)
+        found = calibrate_annotation(by_hand, config)
+        return replace(found, id=frame.id, source=str(frame.path)), *field_of(config)
 
     def _calibrate_picture(
         self, frame: PictureFile, template: FieldTemplate
@@ -213,8 +223,10 @@ class FrameRun:
             template = calibration.template or template
             return picture, result_record(calibration, template, time_s=frame.time_s, digest=self.digest), calibration
         _log.info("%s: from its annotation", frame.path)
-        found = calibrate_annotation(stored.annotation, self.config)
-        calibration = replace(found, id=frame.id, source=frame.source)
+        config = suit_annotation(self.config, stored.annotation)
+        template, _ = field_of(config)
+        found = calibrate_annotation(stored.annotation, config)
+        calibration = replace(found, id=frame.id, source=frame.source, template=template)
         record = result_record(calibration, template, time_s=frame.time_s, digest=self.digest)
         record = record.model_copy(update={"annotation": stored.digest})
         return None if self.out is None else _picture(frame, self.config.limits), record, calibration

@@ -30,7 +30,7 @@ def debug(
     verbose: options.Verbose = False,
 ) -> None:
     """Write one numbered picture per stage and a contact sheet of them all, for a refused picture too."""
-    from circlecal.api.calls import calibrate_annotation
+    from circlecal.api.calls import calibrate_annotation, suit_annotation
     from circlecal.batch.frames import calibrate_frame, write_stage_pictures
     from circlecal.cli import console
     from circlecal.errors import InputError
@@ -73,11 +73,12 @@ def debug(
             report(error)
             continue
         if stored is not None:
-            by_hand = calibrate_annotation(stored.annotation, chosen).attempt
+            suited = suit_annotation(chosen, stored.annotation)
+            by_hand = calibrate_annotation(stored.annotation, suited).attempt
             looked_at = replace(
                 by_hand, mask=calibration.attempt.mask, edges=calibration.attempt.edges, rays=calibration.attempt.rays
             )
-            calibration = replace(calibration, attempt=looked_at)
+            calibration = replace(calibration, attempt=looked_at, template=field_of(suited)[0])
         shown = calibration.template or template
         record = result_record(calibration, shown)
         write_result(out / frame.id / "result.json", record)

@@ -146,17 +146,18 @@ class Annotation(FileModel):
 
     def frame(self, nameless: bool = True) -> AnnotatedFrame:
         """The annotation as other formats and :func:`circlecal.formats.meaning.observe` take it."""
-        template = _load_template(self.field)
+        template = load_template(self.field)
         shapes = tuple(shape for m in self.markings if m.used for shape in _shapes(m, template, nameless))
         image = None if self.source is None else self.source.replace("\\", "/").rpartition("/")[2]
         image = f"{self.id}.jpg" if self.time_s is not None else image
         return AnnotatedFrame(self.id, self.width, self.height, shapes, image, observations=self.observations(nameless))
 
 
-def _load_template(name: str) -> FieldTemplate | None:
+def load_template(name: str) -> FieldTemplate | None:
+    """The field of an annotation; None where it is somebody's own, and its file is not here."""
     try:
         return load_field(name)
-    except CirclecalError:  # of somebody's own, and not here
+    except CirclecalError:
         return None
 
 
@@ -166,7 +167,7 @@ def draw_measured(record: ResultRecord, image: str | None) -> AnnotatedFrame:
     if seen is not None:
         markings = [m for m in markings_of(seen, "measured") if m.kind != "curve" or m.edge == "center"]
     field = "soccer" if record.field is None else str(record.field.template)
-    template = _load_template(field)
+    template = load_template(field)
     shapes = tuple(shape for m in markings for shape in _shapes(m, template, True))
     return AnnotatedFrame(record.id, record.width, record.height, shapes, image)
 

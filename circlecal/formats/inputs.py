@@ -14,7 +14,8 @@ from circlecal.detection.keypoints import KeypointsConfig, find_keypoints
 from circlecal.errors import InputError
 from circlecal.field import FieldTemplate
 from circlecal.files import is_file, is_folder, real_path, require_input
-from circlecal.formats.annotation import is_annotation_file
+from circlecal.formats.annotation import FORMAT as WORKBENCH
+from circlecal.formats.annotation import Annotation, is_annotation_file, load_template, parse_annotation
 from circlecal.formats.cameras import Size
 from circlecal.formats.format import AnnotationFormat
 from circlecal.formats.meaning import SourcesConfig, observe
@@ -49,11 +50,14 @@ class AnnotationFile:
 
 @dataclass(frozen=True, slots=True)
 class FrameOfFile:
-    """A frame of an annotation file, the file, and the picture beside it where there is one."""
+    """A frame of an annotation file, the file, the picture beside it where there is one, and what a person said of the
+    frame where the file is the workbench's.
+    """
 
     observed: ObservedFrame
     path: Path
     picture: Path | None
+    annotation: Annotation | None = None
 
     @property
     def id(self) -> str:
@@ -129,7 +133,7 @@ def read_frames(
     on_error : callable
         Called with the error of each file that cannot be read; the others go on.
     """
-    found: list[tuple[str, AnnotatedFrame, AnnotationFile]] = []
+    found: list[tuple[str, AnnotatedFrame, AnnotationFile, Annotation | None]] = []
     for file in files:
         try:
             known, content = open_file(file.path, format_name)
@@ -137,19 +141,22 @@ def read_frames(
                 _log.info("%s: is no annotation; passed over", file.path)
                 continue
             frames = parse_annotations(known, content, size)
+            by_hand = parse_annotation(file.path, content.raw) if known is WORKBENCH else None
         except InputError as error:
             on_error(error)
             continue
         found += [
-            (known.name, replace(frame, id="__".join((*file.relative.parts[:-1], frame.id))), file) for frame in frames
+            (known.name, replace(frame, id="__".join((*file.relative.parts[:-1], frame.id))), file, by_hand)
+            for frame in frames
         ]
-    ids = distinct_names([*taken, *(frame.id for _, frame, _ in found)])[len(taken) :]
+    ids = distinct_names([*taken, *(frame.id for _, frame, _, _ in found)])[len(taken) :]
     read = []
-    for identifier, (name, frame, file) in zip(ids, found, strict=True):
-        observed = observe(replace(frame, id=identifier), template, sources, name, str(file.path))
+    for identifier, (name, frame, file, by_hand) in zip(ids, found, strict=True):
+        own = None if by_hand is None else load_template(by_hand.field)
+        observed = observe(replace(frame, id=identifier), own or template, sources, name, str(file.path))
         for warning in observed.warnings:
             _log.warning("%s", warning)
-        read.append(FrameOfFile(observed, file.path, picture_beside(file.path, observed.image)))
+        read.append(FrameOfFile(observed, file.path, picture_beside(file.path, observed.image), by_hand))
     return read
 
 

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.api.calls import calibrate_annotation
+from circlecal.api.calls import calibrate_annotation, suit_annotation
 from circlecal.config import Config
+from circlecal.errors import InputError
 from circlecal.formats.annotation import read_annotations
 from circlecal.pictures.video import Video, frame_id, frame_time, pictures_at
 from circlecal.results import CameraFit
@@ -49,7 +50,7 @@ def read_anchors(video: Video, folder: Path | None, config: Config) -> tuple[Anc
     Raises
     ------
     InputError
-        The video cannot be read.
+        The video cannot be read, or an annotation was made on another field than the configuration's.
     ConfigError
         The settings of an annotation contradict the configuration.
     """
@@ -62,6 +63,8 @@ def read_anchors(video: Video, folder: Path | None, config: Config) -> tuple[Anc
             continue
         if annotation.id != frame_id(video.name, time_s):
             continue
+        if suit_annotation(config, annotation) is not config:
+            raise InputError(f"{annotation.id}: was annotated on the field {annotation.field}; name it with --field")
         found = calibrate_annotation(annotation, config)
         if found.status == "calibrated" and found.attempt.camera is not None:
             fits[time_s] = found.attempt.camera

@@ -4,11 +4,14 @@ import csv
 import json
 
 import cv2
+import numpy as np
 import pytest
 
 from circlecal.config import Config
+from circlecal.field import load_field
 from circlecal.formats.annotation import annotation_bytes, parse_annotation
 from circlecal.formats.registry import read_annotations
+from circlecal.geometry.camera import Camera, image_center
 from circlecal.pictures.files import PictureFile
 from circlecal.workbench.interpretations import name_marking
 from circlecal.workbench.measuring import begin_annotation
@@ -62,6 +65,68 @@ def test_an_annotation_beside_its_picture_is_taken(pictures, named, run_circleca
     assert json.loads(outcome.out)["annotation"]
     assert "is not used" not in outcome.err
     assert run_circlecal("debug", pictures / "open.png", "--out", tmp_path / "debug", "-q").code == 0
+
+
+@pytest.fixture
+def robots(tmp_path) -> Path:
+    """An annotation of a robots' field: circle, halfway line and far touchline, clicked."""
+    field = load_field("robocup")
+    camera = Camera(
+        width=960,
+        height=540,
+        focal_px=np.array([700.0, 700.0]),
+        principal_point_px=image_center(960, 540),
+        angles_rad=np.radians([4.0, 70.0, 0.0]),
+        position_m=np.array([0.5, 4.0, -1.6]),
+        kappa=np.zeros(2),
+    )
+    angle = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
+    ring = field.curve_points(field.circle_by_name["centre_circle"], "center", angle)
+    line = np.array([[0.0, -2.0], [0.0, -1.0], [0.0, 1.0], [0.0, 2.0]])
+    far = np.array([[x, field.line_by_name["side_line_top"].start[1]] for x in np.linspace(-3.0, 3.0, 8)])
+    drawn = (("centre_circle", "curve", ring), ("halfway_line", "line", line), ("side_line_top", "line", far))
+    markings = [
+        {"name": name, "kind": kind, "points_px": camera.project(p).tolist(), "sigma_px": [0.5] * len(p)}
+        for name, kind, p in drawn
+    ]
+    told = {"annotation_version": 1, "id": "robots", "width": 960, "height": 540, "field": "robocup"}
+    path = tmp_path / "robots.json"
+    path.write_text(json.dumps({**told, "touched": True, "markings": markings}))
+    return path
+
+
+def test_an_annotation_counts_on_the_field_it_was_made_on(robots, run_circlecal, tmp_path):
+    """Where another one is named, it is no wrong camera that is answered, but a clear line."""
+    command = ("calibrate", robots, "--json", "--no-overlay", "--out")
+    free, named = (
+        run_circlecal(*command, tmp_path / name, *given) for name, given in (("a", ()), ("b", ("--field", "robocup")))
+    )
+    told, again = (json.loads(outcome.out) for outcome in (free, named))
+    assert told["field"]["template"] == again["field"]["template"] == "robocup"
+    assert (
+        told["camera"]["position_meters"]
+        == again["camera"]["position_meters"]
+        == pytest.approx([0.5, 4.0, -1.6], abs=0.3)
+    )
+    other = run_circlecal(*command, tmp_path / "c", "--field", "futsal")
+    assert other.code == 2
+    assert "robots: was annotated on the field robocup, not on futsal; name it with --field" in other.err
+    cv2.imwrite(str(robots.with_suffix(".png")), np.full((540, 960, 3), 90, np.uint8))
+    beside = run_circlecal("calibrate", robots.with_suffix(".png"), "--json", "--no-overlay", "--out", tmp_path / "d")
+    told = json.loads(beside.out)
+    assert told["field"]["template"] == "robocup" and told["annotation"]
+    assert run_circlecal("debug", robots.with_suffix(".png"), "--out", tmp_path / "e", "-q").code == 0
+
+
+def test_what_a_person_said_of_a_frame_counts_in_its_file_alone(robots, run_circlecal, tmp_path):
+    said = json.loads(robots.read_text())
+    robots.write_text(json.dumps({**said, "flag": "other_camera"}))
+    outcome = run_circlecal("calibrate", robots, "--json", "--no-overlay", "--out", tmp_path / "a")
+    assert outcome.code == 1 and json.loads(outcome.out)["code"] == "other_camera"
+    robots.write_text(json.dumps({**said, "field": "nowhere.yaml"}))
+    outcome = run_circlecal("calibrate", robots, "--no-overlay", "--out", tmp_path / "b")
+    assert outcome.code == 2
+    assert "robots: its field cannot be read" in outcome.err
 
 
 def test_annotations_of_other_programs_beside_pictures_are_said_to_be_ignored(pictures, run_circlecal, tmp_path):
