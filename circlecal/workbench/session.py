@@ -43,6 +43,10 @@ from circlecal.workbench.store import AnnotationStore, NewerError
 
 HELD = 12
 """Open pictures that are held, so that going back and forth measures nothing again; 1080p takes about 10 MB each."""
+HELD_PIXELS = 50_000_000
+"""Pixels of the held pictures together, unless it is one alone: twelve of 1080p have half of that, and twelve of 8000 x
+6000 would take 3 GB.
+"""
 JPEG_QUALITY = 93
 MOST_PATH_POINTS = 2000
 UNKNOWN_SIZE = (1920, 1080)
@@ -115,9 +119,12 @@ class Session:
         held = OpenFrame(measured, begin_annotation(measured, self.config, frame.file))
         with self._lock:
             self._held[index] = held
-            while len(self._held) > HELD:
+            while len(self._held) > 1 and (len(self._held) > HELD or self._held_pixels() > HELD_PIXELS):
                 self._held.popitem(last=False)
         return held
+
+    def _held_pixels(self) -> int:
+        return sum(held.measured.light.size for held in self._held.values())
 
     def _frame(self, index: int) -> ListedFrame:
         if not 0 <= index < len(self.frames):

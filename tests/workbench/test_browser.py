@@ -135,6 +135,39 @@ def of_ten_thousand_frames_only_those_in_view_are_drawn(browser):
     assert told["few"] == sum(f"f{k}".startswith("f99") or "f99" in f"f{k}" for k in range(0, 10_000, 3))
 
 
+def test_an_offer_for_what_was_there_before_is_not_accepted(browser, serve, folder, tmp_path):
+    away = "[...document.querySelectorAll('#markings .away')].find((b) => b.ariaLabel.includes('{}')).click();"
+    go_to(browser, serve(folder / "good.png", "--out", tmp_path)[1], "good")
+    browser.run(away.format("side line top"))
+    browser.wait(SAVED)
+    browser.wait("document.getElementById('offers').textContent.includes('Accept the line that fits: side line top')")
+    nameless = "[...document.querySelectorAll('#markings .away')].find((b) => !b.ariaLabel.includes('ellipse') "
+    nameless += "&& (b.ariaLabel.includes('no name') || b.ariaLabel.includes('recognised'))).click();"
+    pressed = "document.body.dispatchEvent(new KeyboardEvent('keydown', { key: 'a', bubbles: true }))"
+    browser.run(nameless + pressed)
+    browser.wait(SAVED)
+    assert "side_line_top" not in {m["name"] for m in stored(tmp_path, "good")["markings"]}
+
+
+def test_the_way_back_leads_to_what_was_measured(browser, serve, folder, tmp_path):
+    address = serve(folder / "good.png", "--out", tmp_path)[1]
+    told = "return [...document.querySelectorAll('#markings .pick span')].map((span) => span.textContent).sort()"
+    go_to(browser, address, "good")
+    before = browser.run(told)
+    line = {"Side line top": [{"x": 0.0, "y": 0.5}, {"x": 1.0, "y": 0.25}]}
+    asked = f"fetch('import?name=good.json', {{ method: 'POST', body: JSON.stringify({json.dumps(line)}) }})"
+    browser.run(f"{asked}.then(() => {{ document.body.dataset.imported = 'yes'; }})")
+    browser.wait("document.body.dataset.imported")
+    browser.open("about:blank")
+    go_to(browser, address, "good")
+    browser.run("document.getElementById('reset').click()")
+    browser.wait(SAVED)
+    browser.wait("!document.getElementById('undo').disabled")
+    browser.wait(SAVED)
+    assert browser.run(told) == before
+    assert {m["source"] for m in stored(tmp_path, "good")["markings"]} == {"measured"}
+
+
 def test_what_is_typed_is_taken_back_on_the_page_too(browser, serve, folder, tmp_path):
     def typed() -> list[str]:
         return browser.run(
@@ -158,6 +191,7 @@ def test_what_is_typed_is_taken_back_on_the_page_too(browser, serve, folder, tmp
         press("redo")
     assert typed() == ["windy", "no_field", "104"]
     press("reset")
+    browser.wait("!document.getElementById('flag').value")
     assert typed() == ["windy", "", ""]
     for _ in range(4):
         press("undo")

@@ -44,3 +44,10 @@ def test_a_search_for_names_ends_when_something_else_is_asked(folder, tmp_path, 
     monkeypatch.setattr(module, "interpret", interpret)
     session.interpretations(0)
     assert (wanted[0], wanted[-1]) == (True, False)
+
+
+def test_few_huge_pictures_are_held(folder, tmp_path, monkeypatch):
+    session = Session(list_frames([str(folder)], Sampling.parse("1s")), AnnotationStore(tmp_path), Config())
+    monkeypatch.setattr(module, "HELD_PIXELS", 2 * 960 * 540)
+    first, *_, last = [session.open(k) for k in range(3)]
+    assert session.open(2) is last and session.open(0) is not first

@@ -20,4 +20,5 @@ export const show = (index) => ask(`frames/${index}.json`);
 export const save = (index, base, annotation) => send(`frames/${index}.json`, "PUT", { base, annotation });
 export const mark = (index, mode, points, name) => send(`frames/${index}/mark`, "POST", { mode, points, name });
 export const interpretations = (index) => ask(`frames/${index}/interpretations`);
+export const measured = (index) => ask(`frames/${index}/measured`);
 export const takeIn = (file) => ask(`import?name=${encodeURIComponent(file.name)}`, { method: "POST", body: file });

@@ -39,7 +39,12 @@ const change = (act) => {
   future.length = 0;
   stored();
 };
-const stored = () => { unsaved = true; offers = []; draw(); return push(); };
+const stored = () => {
+  unsaved = true;
+  offers = []; answer = { ...answer, suggested: {} };  // they were for the markings before
+  draw();
+  return push();
+};
 const confirm = async () => {  // what is calibrated, as it is: saved, and on to the next frame
   if (answer.status !== "calibrated") return;
   await stored();
@@ -374,13 +379,13 @@ by("larger").addEventListener("click", () => stage.zoomAt(1.4));
 by("smaller").addEventListener("click", () => stage.zoomAt(1 / 1.4));
 by("note").addEventListener("change", () => change((a) => { a.note = by("note").value; }));
 by("flag").addEventListener("change", () => change((a) => { a.flag = by("flag").value || null; }));
-by("reset").addEventListener("click", () => {
-  change((a) => {
-    a.markings = a.markings.filter((m) => m.source === "measured").map((m) => ({ ...m, name: m.kind === "line" ? null : m.name }));
-    a.flag = null; a.settings = {};
-  });
+by("reset").addEventListener("click", guarded(async () => {
+  const at = index, measured = await net.measured(at);
+  if (at !== index) return;
+  chosen = -1; active = null;
+  change((a) => { a.markings = measured; a.flag = null; a.settings = {}; });
   fill();
-});
+}));
 by("theme").addEventListener("click", () => setTheme(setTheme(null) && document.documentElement.dataset.theme !== "light" ? "light" : document.documentElement.dataset.theme === "light" ? "dark" : "dark"));
 by("help").addEventListener("click", () => by("keys").showModal());
 by("close-keys").addEventListener("click", () => by("keys").close());
