@@ -113,7 +113,7 @@ class _Desk:
         found = await run_in_threadpool(self.session.interpretations, request.path_params["index"])
         return _json([one.describe() for one in found])
 
-    async def measured(self, request: Request) -> Response:
+    async def origin(self, request: Request) -> Response:
         opened = await run_in_threadpool(self.session.open, request.path_params["index"])
         return _json([marking.model_dump(mode="json") for marking in opened.begun.markings])
 
@@ -148,7 +148,7 @@ def make_app(session: Session, token: str, port: int) -> Starlette:
         Route(f"{prefix}/frames/{{index:int}}.json", desk.save, methods=["PUT"]),
         Route(f"{prefix}/frames/{{index:int}}/mark", desk.mark, methods=["POST"]),
         Route(f"{prefix}/frames/{{index:int}}/interpretations", desk.interpretations),
-        Route(f"{prefix}/frames/{{index:int}}/measured", desk.measured),
+        Route(f"{prefix}/frames/{{index:int}}/measured", desk.origin),
         Route(f"{prefix}/export/{{name}}", desk.export),
         Route(f"{prefix}/import", desk.take_in, methods=["POST"]),
         Route(f"{prefix}/{{name}}", desk.page),

@@ -119,11 +119,11 @@ class Session:
         held = OpenFrame(measured, begin_annotation(measured, self.config, frame.file))
         with self._lock:
             self._held[index] = held
-            while len(self._held) > 1 and (len(self._held) > HELD or self._held_pixels() > HELD_PIXELS):
+            while len(self._held) > 1 and (len(self._held) > HELD or self._count_pixels() > HELD_PIXELS):
                 self._held.popitem(last=False)
         return held
 
-    def _held_pixels(self) -> int:
+    def _count_pixels(self) -> int:
         return sum(held.measured.light.size for held in self._held.values())
 
     def _frame(self, index: int) -> ListedFrame:
