@@ -149,6 +149,27 @@ def test_an_offer_for_what_was_there_before_is_not_accepted(browser, serve, fold
     assert "side_line_top" not in {m["name"] for m in stored(tmp_path, "good")["markings"]}
 
 
+def test_an_import_tells_what_it_took_and_what_it_left_out(browser, serve, folder, tmp_path):
+    def choose(content: dict[str, object]) -> None:
+        browser.run(
+            "const held = new DataTransfer(), input = document.getElementById('import');"
+            f"held.items.add(new File([{json.dumps(json.dumps(content))}], 'good.json'));"
+            "input.files = held.files; input.dispatchEvent(new Event('change'))"
+        )
+        browser.wait("document.getElementById('trouble').open")
+
+    go_to(browser, serve(folder / "good.png", "--out", tmp_path)[1], "good")
+    ends = [{"x": 0.0, "y": 0.5}, {"x": 1.0, "y": 0.25}]
+    choose({"Side line top": ends, "goose": ends})
+    assert "goose" in browser.run("return document.getElementById('trouble-text').textContent")
+    browser.wait("document.getElementById('saved').textContent === '1 taken in, 0 unknown'")
+    browser.run("document.getElementById('close-trouble').click()")
+    choose({"goose": ends})
+    assert "did not work" in browser.run("return document.getElementById('trouble-title').textContent")
+    browser.run("document.getElementById('close-trouble').click()")
+    browser.console()  # the refused request is named there
+
+
 def test_the_way_back_leads_to_what_was_measured(browser, serve, folder, tmp_path):
     address = serve(folder / "good.png", "--out", tmp_path)[1]
     told = "return [...document.querySelectorAll('#markings .pick span')].map((span) => span.textContent).sort()"

@@ -117,7 +117,7 @@ const conflict = (current) => {
 
 // --- frames
 
-const open = guarded(async (wanted) => {
+const open = guarded(async (wanted, said = "") => {
   if (saving) await saving.catch(() => {});
   const turn = ++opening;
   clearTimeout(settling);
@@ -135,7 +135,7 @@ const open = guarded(async (wanted) => {
   document.title = `${annotation.id} – circlecal workbench`;
   stage.picture.alt = `The frame ${annotation.id}`;
   stage.load(`frames/${wanted}.jpg`, annotation.width, annotation.height);
-  by("saved").textContent = annotation.touched ? "saved" : "";
+  by("saved").textContent = said || (annotation.touched ? "saved" : "");
   fill();
   draw(); listed();
   history.replaceState(null, "", `#${encodeURIComponent(annotation.id)}`);
@@ -398,9 +398,8 @@ by("import").addEventListener("change", guarded(async () => {
   let told;
   try { told = await net.takeIn(file); } finally { by("import").value = ""; }  // so that it can be chosen again
   list.frames = (await net.listing()).frames;
-  const opened = open(index), [shown, more] = [told.warnings.slice(0, MOST_LINES), told.warnings.length - MOST_LINES];
+  const opened = open(index, `${told.taken} taken in, ${told.unknown} unknown`), [shown, more] = [told.warnings.slice(0, MOST_LINES), told.warnings.length - MOST_LINES];
   if (shown.length) tellAll("Taken in, but for this", [...shown, ...(more > 0 ? [`and ${more} more`] : [])].join("\n"));
   await opened;
-  by("saved").textContent = `${told.taken} taken in, ${told.unknown} unknown`;
 }));
 start();
