@@ -34,8 +34,21 @@ class YamlError(ValueError):
         self.line = line
 
 
+_NUMBERS = "tag:yaml.org,2002:int", "tag:yaml.org,2002:float"
+
+
+def _without_colons(pattern: re.Pattern[str]) -> re.Pattern[str]:
+    """What a pattern takes, but for texts with a colon."""
+    return re.compile(f"(?![^:]*:)(?:{pattern.pattern})", pattern.flags)
+
+
 class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
-    """Safe YAML in which a key given twice is an error and 1e-3 is a number."""
+    """Safe YAML in which a key given twice is an error, 1e-3 is a number, and 1:30 a text, not 90 as in YAML 1.1."""
+
+    yaml_implicit_resolvers = {  # noqa: RUF012
+        first: [(tag, _without_colons(pattern) if tag in _NUMBERS else pattern) for tag, pattern in known]
+        for first, known in yaml.SafeLoader.yaml_implicit_resolvers.items()
+    }
 
     def get_single_node(self) -> yaml.Node | None:
         node = super().get_single_node()

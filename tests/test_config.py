@@ -112,6 +112,7 @@ def test_a_wrong_override_is_one_line_that_names_it(override, parts):
         ("seed: .nan\n", ["seed"]),
         ("camera: {crown_m: .inf}\n", ["camera.crown_m", "finite"]),
         ("edges: {smoothing_px: thick}\n", ["edges.smoothing_px", "valid number", '"thick"']),
+        ("seed: 1:30\n", ["seed", "valid integer", '"1:30"']),
         ("edges: {smoothing: 1}\n", ["unknown key edges.smoothing", "edges.smoothing_px"]),
         ("edges: [1, 2]\n", ["edges: should be a mapping, not a list"]),
         ("field: {among: soccer}\n", ["field.among: should be a list", '"soccer"']),

@@ -10,7 +10,7 @@ import pytest
 import circlecal
 from circlecal.config import config_names, load_config
 from circlecal.errors import ConfigError, InputError
-from circlecal.field import load_field
+from circlecal.field import field_folder, load_field
 
 CENTRE_AND_RIM = np.array([[0.0, 0.0], [9.15, 0.0], [0.0, -9.15]])
 CALLS = {
@@ -342,16 +342,46 @@ def test_calibrate_points(frame_camera):
         ({"circle": [[1, 2, 3]]}, "centre_circle"),
         ({"keypoints": {"centre_mark": [1, float("nan")]}}, "finite"),
         ({"keypoints": {"centre_mark": "here"}}, "centre_mark"),
+        ({"keypoints": {(0.0, 0.0, 0.0): [1, 2]}}, "point .x, y. of the field"),
+        ({"keypoints": {(float("nan"), 0.0): [1, 2]}}, "point of the field that is not finite"),
+        ({"sigma_px": -1.0}, "sigma_px"),
+        ({"sigma_px": float("nan")}, "sigma_px"),
+        ({"convention": "pain"}, "neither 'official' nor 'paint'"),
+        ({"size": (960.5, 540)}, "size"),
     ],
 )
 def test_points_that_are_none(points, part):
     with pytest.raises(InputError, match=part):
-        circlecal.calibrate_points(size=(960, 540), **points)
+        circlecal.calibrate_points(**{"size": (960, 540), **points})
 
 
 def test_too_few_points_are_refused():
     calibration = circlecal.calibrate_points(size=(960, 540), keypoints={"centre_mark": [480, 270]})
     assert not calibration.ok and calibration.help
+
+
+def test_a_result_is_saved_in_a_folder_whatever_its_name(tmp_path):
+    found = circlecal.calibrate_points(size=(960.0, 540.0), keypoints={"centre_mark": [480, 270]}, id="../evil")
+    folder = tmp_path / "run.v2"
+    folder.mkdir()
+    saved = found.save(folder)
+    assert saved.parent == folder and circlecal.load(saved) == found
+    assert list(tmp_path.iterdir()) == [folder]
+
+
+def test_sizes_of_a_result_count_for_a_field_of_ones_own(frame_image, tmp_path):
+    own = tmp_path / "mine.yaml"
+    own.write_bytes((field_folder() / "soccer.yaml").read_bytes())
+    found = circlecal.calibrate(frame_image, field=own, set={"field.sizes.length": 100})
+    found.save(tmp_path / "run")
+    assert found.field.length_m == circlecal.load(tmp_path / "run" / f"{found.id}.json", own).field.length_m == 100
+    (again,) = circlecal.load(tmp_path / "run", own)
+    assert again.field.sizes == found.field.sizes
+
+
+def test_cameras_are_written_for_pictures_of_some_size(frame_image, tmp_path):
+    with pytest.raises(InputError, match="size"):
+        circlecal.calibrate(frame_image).export("soccernet", tmp_path, size=(0, 540))
 
 
 @pytest.mark.parametrize("config", [None, *config_names()])

@@ -16,10 +16,12 @@ from circlecal.api.transformer import ViewTransformer
 from circlecal.errors import InputError
 from circlecal.field import FieldTemplate, load_field
 from circlecal.field.view import FieldView
+from circlecal.files import is_folder
 from circlecal.formats.exports import Exports
 from circlecal.formats.registry import calibration_formats, require_format
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.projective import Array
+from circlecal.names import as_stem
 from circlecal.pictures.files import as_bgr, read_image
 from circlecal.pictures.video import pictures_at
 from circlecal.records.json_text import to_mapping, write_result
@@ -417,7 +419,7 @@ class Calibration:
             It cannot be written.
         """
         file = Path(path)
-        file = file if file.suffix else file / f"{self.id}.json"
+        file = file / f"{as_stem(self.id)}.json" if is_folder(file) or not file.suffix else file
         write_result(file, self._record)
         return file
 

@@ -6,7 +6,7 @@ import logging
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -273,6 +273,8 @@ def calibrate_points(
         As for :func:`calibrate`.
     """
     chosen = configure(config, field, set)
+    if convention not in get_args(Convention):
+        raise InputError(f"convention: {convention!r} is neither {' nor '.join(map(repr, get_args(Convention)))}")
     template, seen = field_of(chosen)
     if circle is None:
         circles: Mapping[str, ArrayLike] = {}
@@ -380,9 +382,11 @@ def observe_points(
     InputError
         A name that the field does not have, something that is no point, or a picture without a width or height.
     """
-    width, height = size
-    if min(width, height) < 1:
+    if len(size) != 2 or min(size) < 1 or any(side != int(side) for side in size):
         raise InputError(f"size must be the width and height of the picture in pixels, not {size}")
+    width, height = map(int, size)
+    if sigma_px is not None and not 0.0 < sigma_px < np.inf:
+        raise InputError(f"sigma_px must be a standard deviation in pixels above 0, not {sigma_px}")
     sigma = CLICKED_SIGMA_PX * width / REFERENCE_WIDTH_PX if sigma_px is None else sigma_px
     shapes, keypoints = [], []
     for place, value in points.items():
@@ -395,7 +399,7 @@ def observe_points(
         if isinstance(place, str):
             shapes.append(Shape(place, "points", pixels))
         else:
-            x, y = place
+            x, y = _field_point(place)
             keypoints += [Keypoint(f"({x:g}, {y:g}) m", np.array([x, y]), pixel, sigma) for pixel in pixels]
     sources = config.sources.model_copy(update={"sigma_px": {"points": sigma * REFERENCE_WIDTH_PX / width}})
     observed = observe(AnnotatedFrame("points", width, height, tuple(shapes)), template, sources, "points", "points")
@@ -403,3 +407,14 @@ def observe_points(
         names = ", ".join(e.name for e in (*template.circles, *template.arcs, *template.lines, *template.marks))
         raise InputError(f"{observed.warnings[0].removesuffix('; left out')}; known: {names}")
     return join_observations(observed.observations, Observations(width, height, keypoints=tuple(keypoints)))
+
+
+def _field_point(place: Any) -> tuple[float, float]:
+    """A point of the field, metres, of somebody's own mapping."""
+    try:
+        x, y = (float(value) for value in place)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{place}: is neither a name nor a point (x, y) of the field in metres") from error
+    if not np.isfinite([x, y]).all():
+        raise InputError(f"{place}: is a point of the field that is not finite")
+    return x, y

@@ -23,13 +23,13 @@ class Run(Sequence[Calibration]):
     ----------
     path : path
         A ``results.jsonl``, or a folder that holds one, or result files.
-    template : FieldTemplate, optional
-        The field, where it is none of those that come with circlecal.
+    field : path, optional
+        Field template, where it is none of those that come with circlecal.
     """
 
-    def __init__(self, path: Path, template: FieldTemplate | None = None) -> None:
+    def __init__(self, path: Path, field: str | Path | None = None) -> None:
         self.path = path
-        self._template = template
+        self._field = field
 
     @cached_property
     def _places(self) -> dict[str, Place]:
@@ -61,7 +61,8 @@ class Run(Sequence[Calibration]):
         return [self._read(place) for place in places[index]] if isinstance(index, slice) else self._read(places[index])
 
     def _read(self, place: Place) -> Calibration:
-        return Calibration(parse_record(place.read(), ResultRecord, str(place), GIVE_A_RESULT), self._template)
+        record = parse_record(place.read(), ResultRecord, str(place), GIVE_A_RESULT)
+        return Calibration(record, _load_own_field(self._field, record))
 
     def __contains__(self, frame: object) -> bool:
         """Whether there is a result of a frame's id, or an equal calibration."""
@@ -84,7 +85,7 @@ def load(path: str | Path, field: str | Path | None = None) -> Calibration | Any
         ``<id>.json`` as ``circlecal calibrate`` or :meth:`Calibration.save` write it; or a run: its ``results.jsonl``,
         or the folder of it or of result files.
     field : path, optional
-        Field template, where it is one of the user's own: results keep its name and sizes only.
+        Field template, where it is one of the user's own: results keep its name and sizes only, which count for it.
 
     Returns
     -------
@@ -99,7 +100,18 @@ def load(path: str | Path, field: str | Path | None = None) -> Calibration | Any
         The field template is unusable.
     """
     file = Path(path)
-    template = None if field is None else load_field(field)
+    if field is not None:
+        load_field(field)
     if is_log(file) or (is_folder(file) and find_results(file)):
-        return Run(file, template)
-    return Calibration(read_result(file), template)
+        return Run(file, field)
+    record = read_result(file)
+    return Calibration(record, _load_own_field(field, record))
+
+
+def _load_own_field(field: str | Path | None, record: ResultRecord) -> FieldTemplate | None:
+    """A field of the user's own with the sizes that a result has of it; None where none was given."""
+    if field is None:
+        return None
+    told = {} if record.field is None else record.field.sizes or {}
+    known = load_field(field).sizes
+    return load_field(field, {name: size for name, size in told.items() if name in known})

@@ -53,9 +53,10 @@ def convert(
         if not quiet:
             console.print_line(str(written))
         return
-    template, _ = field_of(options.choose_config(None, settings, field))
+    chosen = options.choose_config(None, settings, field)
+    template, _ = field_of(chosen)
     files = find_convertible(inputs, from_format, out)
-    for path in convert_files(files, from_format, to, out, template, options.parse_size(size)):
+    for path in convert_files(files, from_format, to, out, template, options.parse_size(size), chosen.field.template):
         if not quiet:
             console.print_line(str(path))
 

@@ -269,6 +269,11 @@ class FieldTemplate(BaseModel):
         kept = {name: getattr(self, name) for name in type(self).model_fields}
         return FieldTemplate.model_construct(**(kept | elsewhere))
 
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, FieldTemplate):
+            return NotImplemented
+        return all(getattr(self, name) == getattr(other, name) for name in type(self).model_fields)
+
     @property
     def _elements(self) -> tuple[_Element, ...]:
         return (*self.circles, *self.arcs, *self.lines, *self.marks)

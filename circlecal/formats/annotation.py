@@ -196,7 +196,7 @@ def _shapes(marking: AnnotatedMarking, template: FieldTemplate | None, nameless:
         return [Shape(UNKNOWN_LINE, "line", _thin(marking.points, LINE_POINTS))]
     label = official_name(marking.name, template)
     if marking.kind == "point":
-        return [Shape(label, "points", marking.points)]
+        return [Shape(label, "points", marking.points, sigma_px=marking.sigma_px[0])]
     return [Shape(label, "line", _thin(marking.points, CURVE_POINTS if marking.kind == "curve" else LINE_POINTS))]
 
 
@@ -374,8 +374,8 @@ def write(frames: Sequence[AnnotatedFrame]) -> bytes:
     from circlecal.formats.meaning import SourcesConfig, observe
 
     (frame,) = frames
-    seen = observe(frame, load_field("soccer"), SourcesConfig(), FORMAT.name, frame.id).observations
-    return annotation_bytes(annotation_of_shapes(frame, seen, "soccer"))
+    seen = observe(frame, load_field(frame.field), SourcesConfig(), FORMAT.name, frame.id).observations
+    return annotation_bytes(annotation_of_shapes(frame, seen, frame.field))
 
 
 def _recognise(content: Content) -> bool:

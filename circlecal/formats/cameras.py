@@ -18,13 +18,15 @@ from circlecal.errors import InputError
 from circlecal.field import Circle, FieldTemplate
 from circlecal.field.view import FieldView
 from circlecal.formats.shapes import AnnotatedFrame, Shape
-from circlecal.geometry.camera import Camera, camera_from_homography, camera_from_soccernet
+from circlecal.geometry.camera import Camera, camera_from_homography, camera_from_soccernet, image_center
 from circlecal.geometry.homography import compass_label, dlt, scale_homography
 from circlecal.geometry.projective import Array
 from circlecal.records.record import ResultRecord
 from circlecal.results import FrameCalibration
 
 _GRID_M = 2.0
+CENTRED_PX = 0.01
+"""How far a principal point that counts as the centre of the picture may lie from it, pixels."""
 _TANGENT_SAMPLES = 9
 _MIN_GRID = 8
 CENTRE = "centre"
@@ -191,8 +193,8 @@ class CalibratedFrame:
 
 def center_camera(camera: Camera, template: FieldTemplate) -> Camera:
     """The nearest camera with square pixels, principal point at the image centre and one coefficient of distortion."""
-    half = np.array([camera.width, camera.height]) / 2.0
-    at_center = np.allclose(camera.principal_point_px, half, atol=0.51)
+    center = image_center(camera.width, camera.height)
+    at_center = np.allclose(camera.principal_point_px, center, rtol=0.0, atol=CENTRED_PX)
     if at_center and camera.focal_px[0] == camera.focal_px[1] and camera.kappa[1] == 0:
         return camera
     points, pixels = _visible_field(FieldView(camera), template, template.circles[0])

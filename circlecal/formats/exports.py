@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import logging
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
+
+import numpy as np
 
 from circlecal.errors import InputError
 from circlecal.field import Circle, FieldTemplate, load_field
@@ -15,6 +18,7 @@ from circlecal.formats.annotation import draw_measured
 from circlecal.formats.cameras import CalibratedFrame, CameraFrame, Size
 from circlecal.formats.format import AnnotationFormat, CameraFormat
 from circlecal.formats.inputs import FrameOfFile
+from circlecal.formats.meaning import SourcesConfig, observe
 from circlecal.formats.registry import (
     RESULT,
     annotation_formats,
@@ -32,6 +36,7 @@ from circlecal.records.log import is_log, read_records
 from circlecal.records.record import ResultRecord
 
 F = TypeVar("F", AnnotatedFrame, CameraFrame)
+_log = logging.getLogger(__name__)
 
 
 class Exports:
@@ -61,6 +66,8 @@ class Exports:
         known = calibration_formats()
         for name in targets:
             require_format(name, known, "--to", "format that can be written")
+        if size is not None and min(size) < 1:
+            raise InputError(f"size must be the width and height of the pictures in pixels, not {size}")
         self._targets = tuple(known[name] for name in dict.fromkeys(targets))
         self._folder = folder
         self._size = size
@@ -230,8 +237,11 @@ def convert(
     folder: Path,
     template: FieldTemplate,
     size: Size | None = None,
+    field: str = "soccer",
 ) -> list[Path]:
     """Rewrite files in another format of their kind, and results as cameras; formats of one file get all frames.
+
+    What a format cannot say is left out with a warning. ``field`` names the template, or its file.
 
     Raises
     ------
@@ -245,13 +255,40 @@ def convert(
     if annotations and cameras:
         raise InputError(f"{paths[0]}: annotations and cameras together; convert one kind at a time")
     if goal.annotations and annotations:
-        contents = _annotation_files(_number(annotations), goal.annotations, folder)
+        told = [replace(frame, field=field) for frame in _number(annotations)]
+        contents = _annotation_files(told, goal.annotations, folder)
+        _warn_of_losses(told, contents, goal.annotations, template)
     elif goal.cameras and cameras:
         contents = _camera_files(_number(cameras), goal.cameras, folder, None)
     else:
         raise InputError(f"{paths[0]}: holds no accepted frame; nothing to convert")
     _require_apart(contents, paths)
     return _write(contents)
+
+
+def _warn_of_losses(
+    frames: Sequence[AnnotatedFrame], contents: Mapping[Path, bytes], target: AnnotationFormat, template: FieldTemplate
+) -> None:
+    """Say which markings and points of the field are in frames, and not in the files that were made of them."""
+    sizes = [(frame.width, frame.height) for frame in frames]
+    files = zip(contents.items(), sizes, strict=False)
+    again = [read for (path, content), size in files for read in target.read(path, content, size)]
+    for frame, read in zip(frames, again, strict=False):
+        said, kept = (_say_what(seen, template, target) for seen in (frame, read))
+        lost = sorted(words for what, words in said.items() if what not in kept)
+        if lost:
+            _log.warning("%s: %s cannot say %s; left out", frame.id, target.name, ", ".join(lost))
+
+
+def _say_what(frame: AnnotatedFrame, template: FieldTemplate, target: AnnotationFormat) -> dict[object, str]:
+    """Names of the markings and points of the field that a frame shows, points by their place: formats name them
+    differently.
+    """
+    seen = observe(frame, template, SourcesConfig(), target.name, frame.id).observations
+    markings = {*(c.circle for c in seen.circles), *(m.mark for m in seen.marks)}
+    markings |= {line.line for line in seen.lines if line.line is not None}
+    told: dict[object, str] = {name: name for name in markings}
+    return told | {tuple(np.round(point.field_m, 2).tolist()): point.name for point in seen.keypoints}
 
 
 def _read_frames(path: Path, source: str | None, goal: _Goal) -> Sequence[AnnotatedFrame | CameraFrame]:

@@ -188,6 +188,9 @@ class _Reading:
 
     def take(self, shape: Shape) -> None:
         """Take a shape into the observations, or say why not."""
+        if shape.sigma_px not in (None, self.sigma_px):
+            replace(self, sigma_px=shape.sigma_px).take(shape)
+            return
         name = normalise(shape.label)
         elements = _elements(self.template)
         if pnlcalib.keypoint_number(shape.label) is not None:

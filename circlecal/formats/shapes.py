@@ -38,12 +38,15 @@ class Shape:
         The points; of an ellipse its centre and one end of each semi-axis.
     confidence : tuple of float, optional
         One per point, 0 to 1, where the file has them.
+    sigma_px : float, optional
+        Standard deviation of a single point, pixels, where the file has it.
     """
 
     label: str
     kind: ShapeKind
     points_px: Array
     confidence: tuple[float, ...] | None = None
+    sigma_px: float | None = None
 
     def sample(self) -> Array:
         """Points (N, 2) on the shape: its own, or samples of the ellipse."""
@@ -75,6 +78,8 @@ class AnnotatedFrame:
     observations : Observations or None
         Curves and lines with a standard deviation for each point, where the file has them: they count instead of the
         shapes, which then only draw them.
+    field : str
+        Template, or its file, whose markings the labels name.
     """
 
     id: str
@@ -85,6 +90,7 @@ class AnnotatedFrame:
     warnings: tuple[str, ...] = ()
     original: Mapping[str, Any] | None = None
     observations: Observations | None = None
+    field: str = "soccer"
 
     def resize(self, width: int, height: int) -> AnnotatedFrame:
         """The frame on a picture of another size; the corners of the picture stay its corners.

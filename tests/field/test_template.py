@@ -208,6 +208,15 @@ def test_arithmetic_over_named_sizes(a, b):
     assert evaluate_size("3.5", {}) == 3.5
 
 
+def test_templates_are_equal_by_what_they_say():
+    """Arrays that were derived from one of them do not count."""
+    soccer, other = load_field("soccer"), load_field("soccer", {"length": 100.0})
+    again = soccer.model_copy()
+    assert len(soccer.outlines[1]) and len(again.outlines[1])
+    assert soccer == again != other
+    assert soccer != "soccer"
+
+
 def test_sizes_that_the_rules_allow():
     length, width = load_field("soccer").extents
     assert (length.size_m, width.size_m) == (105.0, 68.0)

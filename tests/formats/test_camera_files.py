@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from circlecal.errors import InputError
+from circlecal.field import load_field
 from circlecal.field.view import FieldView
 from circlecal.formats import broadtrack, tvcalib, worldcup
 from circlecal.formats.cameras import CameraFrame, center_camera
 from circlecal.formats.format import json_bytes
 from circlecal.formats.soccernet_camera import camera_keys
+from circlecal.geometry.camera import image_center
 from circlecal.geometry.surface import Surface
 
 POINTS = np.array([[0.0, 0.0], [9.0, 3.0], [-9.0, -3.0], [3.0, 8.0]])
@@ -22,6 +24,15 @@ FILE = Path("00007.json")
 @pytest.fixture
 def centred(frame_camera):
     return replace(frame_camera, kappa=np.array([0.03, 0.0]))
+
+
+def test_a_principal_point_half_a_pixel_beside_the_centre_is_not_centred(centred):
+    """Formats without one mean the centre of the picture, ((W - 1) / 2, (H - 1) / 2)."""
+    beside = replace(centred, principal_point_px=centred.principal_point_px + 0.5)
+    moved = center_camera(beside, load_field("soccer"))
+    np.testing.assert_allclose(moved.principal_point_px, image_center(960, 540), atol=1e-9)
+    assert np.abs(moved.project(POINTS) - beside.project(POINTS)).max() < 0.05
+    assert center_camera(centred, load_field("soccer")) is centred
 
 
 def test_broadtrack_round_trip(centred):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from circlecal.errors import InputError
+from circlecal.field import field_folder, load_field
 from circlecal.formats import (
     broadtrack,
     coco,
@@ -24,6 +25,7 @@ from circlecal.formats.exports import convert
 from circlecal.formats.format import json_bytes
 from circlecal.formats.meaning import SourcesConfig, read_observations
 from circlecal.formats.registry import open_file, read_annotations
+from circlecal.formats.shapes import AnnotatedFrame, Shape
 
 
 def format_of(path, name=None):
@@ -149,13 +151,44 @@ def test_the_size_of_a_picture_beside_the_file(files, frame_image):
 
 @pytest.mark.parametrize("target", ["soccernet", "extremities", "coco", "cvat", "labelstudio", "labelme"])
 @pytest.mark.parametrize("source", ["soccernet", "coco", "cvat", "labelstudio", "labelme"])
-def test_annotations_become_each_other(files, seen, soccer, tmp_path, source, target):
+def test_annotations_become_each_other(files, seen, soccer, tmp_path, caplog, source, target):
     (written,) = convert([files[source]], source, target, tmp_path / "out", soccer, (960, 540))
     ((frame,),) = (read_annotations(written, (960, 540), target)[1],)
     found = {shape.label: shape.points_px for shape in frame.shapes}
+    assert not caplog.messages
     assert found.keys() == {shape.label for shape in seen.shapes}
     for shape in seen.shapes:
         assert np.abs(found[shape.label] - shape.points_px).max() < 1e-6
+
+
+def test_what_a_format_cannot_say_is_told(soccer, tmp_path, caplog):
+    """PnLCalib's files hold keypoints and straight lines."""
+    angle = np.linspace(0.0, 5.0, 9)
+    ring = np.stack([480.0 + 200.0 * np.cos(angle), 270.0 + 90.0 * np.sin(angle)], axis=1)
+    shapes = (
+        Shape("Circle central", "line", ring),
+        Shape("Middle line", "line", np.array([[480.0, 10.0], [470.0, 500.0]])),
+        Shape("centre_circle top", "points", np.array([[480.0, 180.0]])),
+    )
+    source = tmp_path / "view.labelme.json"
+    source.write_bytes(labelme.write([AnnotatedFrame("view", 960, 540, shapes, "view.jpg")]))
+    convert([source], "labelme", "pnlcalib", tmp_path / "out", soccer, (960, 540))
+    told = "view: pnlcalib cannot say centre_circle, centre_circle top; left out"
+    assert [message.replace("view.labelme:", "view:") for message in caplog.messages] == [told]
+
+
+def test_the_workbench_takes_a_field_of_ones_own(soccer, tmp_path, caplog):
+    own = tmp_path / "hall.yaml"
+    own.write_bytes((field_folder() / "futsal.yaml").read_bytes())
+    field = load_field(own)
+    line = next(line.name for line in field.lines if line.name not in soccer.line_by_name)
+    shape = Shape(line, "line", np.array([[480.0, 10.0], [470.0, 500.0]]))
+    source = tmp_path / "view.labelme.json"
+    source.write_bytes(labelme.write([AnnotatedFrame("view", 960, 540, (shape,), "view.jpg")]))
+    (written,) = convert([source], "labelme", "workbench", tmp_path / "out", field, None, str(own))
+    told = json.loads(written.read_text())
+    assert told["field"] == str(own) and [marking["name"] for marking in told["markings"]] == [line]
+    assert not caplog.messages
 
 
 @pytest.mark.parametrize("target", ["soccernet", "broadtrack", "tvcalib", "worldcup"])

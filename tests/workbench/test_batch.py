@@ -118,6 +118,16 @@ def test_an_annotation_counts_on_the_field_it_was_made_on(robots, run_circlecal,
     assert run_circlecal("debug", robots.with_suffix(".png"), "--out", tmp_path / "e", "-q").code == 0
 
 
+@pytest.mark.parametrize("sigma_px", [0.2, 20.0])
+def test_a_clicked_point_has_its_own_standard_deviation(robots, run_circlecal, tmp_path, sigma_px):
+    said = json.loads(robots.read_text())
+    mark = {"name": "centre_mark", "kind": "point", "points_px": [[350.0, 299.0]], "sigma_px": [sigma_px]}
+    robots.write_text(json.dumps({**said, "markings": [*said["markings"], mark]}))
+    outcome = run_circlecal("calibrate", robots, "--json", "--no-overlay", "--out", tmp_path / "a")
+    (told,) = json.loads(outcome.out)["observations"]["marks"]
+    assert told["sigma_px"] == sigma_px
+
+
 def test_what_a_person_said_of_a_frame_counts_in_its_file_alone(robots, run_circlecal, tmp_path):
     said = json.loads(robots.read_text())
     robots.write_text(json.dumps({**said, "flag": "other_camera"}))
