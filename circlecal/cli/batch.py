@@ -105,6 +105,7 @@ def batch(
         tells_field=not rig,
     )
     exports = options.choose_exports(to, eval_size)
+    options.require_export_field(to, chosen)
     run = FrameRun(
         chosen,
         mask=mask,

@@ -74,6 +74,7 @@ def calibrate(
         tells_field=True,
     )
     exports = Exports(to or (), out, options.parse_size(eval_size, "--eval-size"))
+    options.require_export_field(to, chosen)
     format_name = options.choose_format(from_format)
     written = annotations or out / ANNOTATION_FOLDER
     size_given = options.parse_size(size)

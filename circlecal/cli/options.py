@@ -319,6 +319,22 @@ def choose_exports(targets: Sequence[str] | None, eval_size: str | None) -> Expo
     return choice
 
 
+def require_export_field(targets: Sequence[str] | None, config: Config) -> None:
+    """Tell before the first frame that a format of ``--to`` has no names for the field in use.
+
+    Raises
+    ------
+    InputError
+        It has none.
+    """
+    from circlecal.config import AUTO
+    from circlecal.formats.exports import require_field
+    from circlecal.pipeline import field_of
+
+    if targets and config.field.template != AUTO:
+        require_field(targets, field_of(config)[0])
+
+
 def choose_format(name: str | None) -> str | None:
     """Name of an annotation format, checked.
 

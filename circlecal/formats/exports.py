@@ -39,6 +39,20 @@ F = TypeVar("F", AnnotatedFrame, CameraFrame)
 _log = logging.getLogger(__name__)
 
 
+def require_field(targets: Sequence[str], template: FieldTemplate) -> None:
+    """Tell before the first frame that a format has no names for a field.
+
+    Raises
+    ------
+    InputError
+        A format of ``targets`` takes no such field.
+    """
+    for name in targets:
+        found = annotation_formats().get(name)
+        if found is not None and found.requires is not None:
+            found.requires(template)
+
+
 class Exports:
     """What a run writes beside its result files: formats with a file per frame at once, the others at the end.
 

@@ -16,6 +16,7 @@ from typing import Annotated, Any, ClassVar, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from circlecal.errors import InputError, explain_problem
+from circlecal.field import FieldTemplate
 from circlecal.files import read_file
 from circlecal.formats.cameras import CalibratedFrame, CameraFrame, CameraModel, Size
 from circlecal.formats.shapes import AnnotatedFrame
@@ -145,6 +146,8 @@ class AnnotationFormat(OutsideFormat):
         Whether people mark where straight lines end.
     draws_measured : bool
         Whether a refused frame is written with what was measured in it, for people to go on from.
+    requires : callable or None
+        Raises InputError of a field that the format has no names for; None where it takes every field.
     """
 
     read: Callable[[Path, bytes, Size | None], list[AnnotatedFrame]]
@@ -153,6 +156,7 @@ class AnnotationFormat(OutsideFormat):
     sigma_px: float = 1.5
     marks_line_ends: bool = False
     draws_measured: bool = False
+    requires: Callable[[FieldTemplate], object] | None = None
     kind: ClassVar[Kind] = "annotation"
 
 

@@ -257,4 +257,5 @@ FORMAT = AnnotationFormat(
     derive=derive,
     file_name="{id}.json",
     sigma_px=2.5,
+    requires=keypoint_table,
 )

@@ -241,3 +241,14 @@ def test_what_the_field_looks_like_is_said(run_circlecal, tmp_path):
     for named in (("--field", "futsal"), ("--config", "broadcast")):
         assert "other sports" not in run_circlecal("calibrate", turf, *named, "--out", tmp_path, "--no-overlay").err
     only_error(run_circlecal("convert", floor, "--field", "auto", "--to", "tvcalib"), "name the field")
+
+
+@pytest.mark.parametrize("command", ["calibrate", "batch"])
+def test_a_format_without_names_for_the_field_is_told_before_the_first_frame(
+    run_circlecal, frame_file, tmp_path, command
+):
+    out = tmp_path / "out"
+    outcome = run_circlecal(command, frame_file, "--field", "handball", "--to", "pnlcalib", "--out", out)
+    assert outcome.code == 2
+    assert "keypoints of PnLCalib need a soccer pitch; the field 'handball' has no" in outcome.err
+    assert not out.exists()
