@@ -109,12 +109,15 @@ class MarkPoint:
 
 @dataclass(frozen=True, slots=True)
 class Keypoint:
-    """A point of known field position (2,), e.g. from a detector or an annotation."""
+    """A point of known field position (2,), e.g. from a detector or an annotation; ``shift`` (3, 2) is how it moves
+    with the marking width, the length and the width of the field, metres per metre, None where it does not.
+    """
 
     name: str
     field_m: Array
     point_px: Array
     sigma_px: float
+    shift: Array | None = None
 
     @property
     def key(self) -> MarkingKey:

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import circlecal
 from circlecal.config import Config, load_config
 from circlecal.field import load_field
-from circlecal.observations import MarkingKey, Observations
+from circlecal.observations import MarkingKey, MarkPoint, Observations
 from circlecal.overlay.frame_overlay import verdict_facts
 from circlecal.pipeline import run_observations
 from circlecal.records.stored import calibration_of_record
@@ -47,6 +48,61 @@ def test_a_click_that_contradicts_the_rest_is_named():
     assert (str(key), number, more) == ("side_line_top", 3, [])
     assert off == pytest.approx(17.0, abs=6.0)
     assert any("side_line_top: point 3 lies" in fact for fact in verdict_facts(found))
+
+
+def test_a_wrong_click_on_a_line_of_two_does_not_bend_the_camera():
+    """From the circle alone the fit ended beside the right one, with right clicks for outliers."""
+    points = {
+        "centre_circle": [
+            (952.8, 452.9),
+            (941.8, 441.8),
+            (935.7, 431.0),
+            (934.3, 420.5),
+            (935.3, 415.5),
+            (940.5, 405.8),
+            (949.9, 396.8),
+        ],
+        "penalty_arc_left": [
+            (90.9, 285.9),
+            (109.2, 294.5),
+            (122.1, 307.5),
+            (122.4, 318.2),
+            (109.3, 333.4),
+            (89.1, 345.0),
+            (48.4, 360.1),
+            (8.2, 370.8),
+        ],
+    }
+    lines = {
+        "big_rect_left_main": [(258.3, 214.7), (10.3, 319.7)],
+        "big_rect_left_top": [(5.0, 200.9), (259.2, 215.1)],
+        "side_line_left": [(29.6, 139.0), (6.4, 145.8)],
+        "side_line_top": [(27.7, 139.1), (950.2, 182.9)],
+    }
+
+    def calibrated(off_px):
+        moved = {**lines, "side_line_top": [lines["side_line_top"][0], (950.2, 182.9 + off_px)]}
+        return circlecal.calibrate_points(
+            size=(960, 540), circle=points, lines=moved, sigma_px=0.75, convention="paint"
+        )
+
+    right = calibrated(0.0)
+    assert right.ok and right.position_m == pytest.approx((-0.3, 62.1, -16.2), abs=0.5)
+    for off_px in (15.0, 30.0, 45.0):
+        found = calibrated(off_px)
+        assert found.ok and found.position_m == pytest.approx(right.position_m, abs=0.6)
+        assert MarkingKey("side_line_top") in found.attempt.camera.rejected
+
+
+def test_the_distance_of_a_mark_is_that_from_where_it_is_drawn():
+    """The ground at a mark may be higher, so that it counts less along the picture's vertical."""
+    seen = clicks(("halfway_line", "side_line_top"), circle=40)
+    place = CAMERA.project(np.zeros((1, 2)))[0] + (0.3, 1.5)
+    found = run_observations(replace(seen, marks=(MarkPoint("centre_mark", place, 0.3),)), Config(), frame_id="mark")
+    camera = found.attempt.camera
+    off_px = np.linalg.norm(camera.view.project(np.zeros((1, 2)))[0] - place)
+    assert off_px > 0.8
+    assert camera.residuals_px[MarkingKey("centre_mark")] == pytest.approx(off_px, abs=0.01)
 
 
 def test_single_distances_stand_in_the_record_and_come_back():

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import circlecal
+from circlecal.camera.observed import points_from_observations
 from circlecal.config import config_names, load_config
 from circlecal.errors import ConfigError, InputError
 from circlecal.field import field_folder, load_field
@@ -358,6 +359,25 @@ def test_points_that_are_none(points, part):
 def test_too_few_points_are_refused():
     calibration = circlecal.calibrate_points(size=(960, 540), keypoints={"centre_mark": [480, 270]})
     assert not calibration.ok and calibration.help
+
+
+def test_keypoints_go_with_the_markings_that_they_are_of():
+    """Corners of a penalty area say nothing of the length of the field, nor do points of the centre circle."""
+    field = load_field("soccer")
+    names = {
+        "side_line_right x big_rect_right_top": field.place_shift((52.5, -20.16)),
+        "halfway_line x side_line_top": field.place_shift((0.0, -34.0)),
+        "centre_circle right": np.zeros((3, 2)),
+        (9.15, 0.0): None,
+    }
+    found = circlecal.calibrate_points(
+        size=(960, 540), keypoints={name: (100.0 + 50.0 * k, 200.0) for k, name in enumerate(names)}, convention="paint"
+    )
+    points = found.attempt.observations.keypoints
+    assert len(points) == len(names)
+    for point, shift in zip(sorted(points, key=lambda p: p.point_px[0]), names.values(), strict=True):
+        assert (point.shift is None) if shift is None else np.array_equal(point.shift, shift)
+    assert np.any(points_from_observations(found.attempt.observations, field).shift != 0.0)
 
 
 def test_a_result_is_saved_in_a_folder_whatever_its_name(tmp_path):

@@ -11,6 +11,7 @@ from circlecal.camera.observed import thin_curves
 from circlecal.camera.options import CameraConfig, noise_model
 from circlecal.camera.problem import COARSE, FAR_LOSS, Problem, State, minimise, resume, with_loss
 from circlecal.camera.residuals import curve_residuals, ground_feet
+from circlecal.errors import EstimationError
 from circlecal.geometry.camera_parameters import INDEX, project
 from circlecal.geometry.homography import SIDES
 from circlecal.geometry.projective import Array
@@ -32,6 +33,10 @@ WEAK_SIGMA_PX = 25.0
 """Where the closed forms leave the field around the circle less certain than this (at 1920 px width), the grid is
 followed too.
 """
+BETTER = 1.0
+"""Chi-square by which another optimum must cost less to be a better one."""
+STRANGE = 0.5
+"""Share of the loss's scale, standard deviations, from which on a point asks for another optimum."""
 RIM_RADII = np.array([[2.0, 0.0], [-2.0, 0.0], [0.0, -2.0]])
 """Where that is asked, in radii about the middle of what was seen: to both sides and on the far one."""
 
@@ -88,6 +93,35 @@ def find_optima(problem: Problem, starts: Starts, config: CameraConfig, side: st
             return state
         closed = state.theta[:FEW_STARTS]
     return _follow(problem, np.concatenate([closed, _screen(problem, starts.grid, config.starts)]), config, side)
+
+
+def leave_local_optimum(problem: Problem, state: State, config: CameraConfig, side: str) -> State:
+    """The optima, or the better one to which the camera leads that explains all but one marking.
+
+    Under a loss that forgets outliers a wrongly clicked point bends the camera to itself, and the right ones of other
+    markings are taken for outliers. Without the marking of that point the camera goes back, and stays there with it.
+
+    Parameters
+    ----------
+    problem, state : Problem, State
+        The optima (B, P) that were found, the best first; of a few points, such as people click.
+    config, side : CameraConfig, str
+        As for :func:`find_optima`.
+    """
+    curves, rule = problem.curves, replace(COARSE, iterations=config.iterations)
+    is_outlier = np.abs(state.values[0, : len(curves.group)]) > STRANGE * problem.loss_scale
+    for group in np.unique(curves.group[is_outlier]):
+        key = curves.keys[group]
+        own = np.flatnonzero([other == key for other in curves.keys])
+        others = replace(problem, curves=curves.select(np.flatnonzero(~np.isin(curves.group, own))))
+        try:
+            start = _follow(others, state.theta[:1], config, side).theta[:1]
+        except EstimationError:
+            continue
+        again = minimise(problem, start, rule, ground_feet(curves, start, problem.model))
+        if again.cost[0] < state.cost[0] - BETTER:
+            state = again
+    return state
 
 
 def _follow(problem: Problem, starts: Array, config: CameraConfig, side: str) -> State:

@@ -109,7 +109,7 @@ def points_from_observations(observations: Observations, template: FieldTemplate
     found = [(m.key, place, m.point_px, m.sigma_px, relief_px) for m, place in zip(marks, places, strict=True)]
     found += [(k.key, k.field_m, k.point_px, k.sigma_px, 0.0) for k in observations.keypoints]
     shifts = [template.place_shift((float(x), float(y))) for x, y in places]
-    shifts += [NOT_MOVED] * len(observations.keypoints)
+    shifts += [NOT_MOVED if k.shift is None else k.shift for k in observations.keypoints]
     sigma_px = np.array([f[3] for f in found], dtype=np.float64)
     return FixedPoints(
         np.array([f[1] for f in found]).reshape(-1, 2),
@@ -117,7 +117,7 @@ def points_from_observations(observations: Observations, template: FieldTemplate
         sigma_px,
         tuple(f[0] for f in found),
         np.hypot(sigma_px, [f[4] for f in found]) if relief_px > 0.0 else None,
-        np.array(shifts).reshape(-1, 3, 2) if marks else None,
+        np.array(shifts).reshape(-1, 3, 2) if found else None,
     )
 
 

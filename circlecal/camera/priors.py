@@ -26,6 +26,8 @@ ZOOMED = ("pp_x", "pp_y", "kappa_1")
 """Of these, the ones that may change with the zoom."""
 _IN_PIXELS = ("pp_x", "pp_y")
 _BY_ZOOM = " by zoom"
+INDEFINITE = 1e-9
+"""Least eigenvalue, as a correlation below 0, that rounding gives a covariance in a file."""
 KNOWN_POSITION_SD_M = 1.0
 """A position known to this along each axis, metres, is where the search starts. Separates cameras of a rig, whose
 position five frames determine to 0.1 m (Cramer-Rao bound), from a vague prior of the venue.
@@ -140,7 +142,7 @@ class SharedPriorConfig(BaseModel):
         """
         names = [name for name in self.parameters if not name.endswith(_BY_ZOOM)]
         zoomed = [name.removesuffix(_BY_ZOOM) for name in self.parameters[len(names) :]]
-        if set(names) - set(SHARED) or len(set(names)) != len(names) or set(zoomed) - set(names) & set(ZOOMED):
+        if set(names) - set(SHARED) or len(set(names)) != len(names) or set(zoomed) - (set(names) & set(ZOOMED)):
             raise ValueError(f"parameters must be different ones of {', '.join(SHARED)}, then changes by zoom")
         K = len(self.parameters)
         if len(self.mean) != K or {len(self.covariance), *map(len, self.covariance)} != {K}:
@@ -150,6 +152,11 @@ class SharedPriorConfig(BaseModel):
         matrix = np.array(self.covariance)
         if not np.allclose(matrix, matrix.T, rtol=1e-6) or (np.diag(matrix) <= 0).any():
             raise ValueError("covariance must be symmetric with a positive diagonal")
+        size = np.sqrt(np.diag(matrix))
+        if np.linalg.eigvalsh(matrix / np.outer(size, size))[0] < -INDEFINITE:
+            raise ValueError("covariance must be positive definite")
+        if any(name.endswith(_BY_ZOOM) for name in self.parameters[: len(names)]):
+            raise ValueError("parameters must have their changes by zoom last")
 
     def prior(self, width: int) -> SharedPrior:
         """The prior for pictures of some width."""

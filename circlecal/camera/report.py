@@ -332,8 +332,11 @@ def residuals_px(problem: Problem, state: State) -> dict[MarkingKey, float]:
     Pieces of a marking, and the point where another one ends on it, count together.
     """
     found = {key: _rms(values) for key, values in _residuals_by_marking(problem, state).items()}
-    for k, key in enumerate(problem.points.keys):
-        found[key] = float(np.linalg.norm(state.point_values[0, 2 * k : 2 * k + 2]) * problem.points.sigma_px[k])
+    points = problem.points
+    upright_px = points.sigma_px if points.upright_px is None else points.upright_px
+    for k, key in enumerate(points.keys):
+        sigma_px = np.array([points.sigma_px[k], upright_px[k]])
+        found[key] = float(np.linalg.norm(state.point_values[0, 2 * k : 2 * k + 2] * sigma_px))
     return found
 
 

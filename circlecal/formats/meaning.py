@@ -152,8 +152,10 @@ def add_halfway_ends(observations: Observations, template: FieldTemplate) -> Obs
     order = np.argsort(line.points_px[:, 1], kind="stable")
     margin = MARGIN_WIDTHS * observations.width
     inner = np.array([observations.width, observations.height]) - 1 - margin
+    sigma_px = END_SIGMA_FACTOR * line.sigma_px
+    shifts = {side: _shift_of_crossing(template, at) for side, at in (("top", upper), ("bottom", lower))}
     found = [
-        Keypoint(f"{name} end {side}", field_m, line.points_px[k], END_SIGMA_FACTOR * float(line.sigma_px[k]))
+        Keypoint(f"{name} end {side}", field_m, line.points_px[k], float(sigma_px[k]), shifts[side])
         for side, field_m, k in (("top", upper, order[0]), ("bottom", lower, order[-1]))
         if (line.points_px[k] > margin).all() and (line.points_px[k] < inner).all()
     ]
@@ -273,11 +275,14 @@ class _Reading:
             self._keypoint(shape.label, position, point, sigma)
 
     def _circle_keypoint(self, name: str, circle: str, position: Array, point: Array, sigma: float) -> None:
-        self._keypoint(name, position, point, sigma * _SHARED)
+        """A point of a circle, which goes with its centre."""
+        shift = self.template.place_shift(self.template.circle_by_name[circle].center)
+        self.keypoints.append(Keypoint(name, position, point, sigma * _SHARED, shift))
         self.circles[circle].append((point[None], np.array([sigma * _SHARED])))
 
     def _keypoint(self, name: str, position: Array, point: Array, sigma: float) -> None:
-        self.keypoints.append(Keypoint(name, position, point, sigma))
+        """A point where markings meet, which goes with them."""
+        self.keypoints.append(Keypoint(name, position, point, sigma, _shift_of_crossing(self.template, position)))
 
     def observations(self, width: int, height: int) -> Observations:
         """Everything taken; shapes of one marking put together, lines of one point left out with a warning."""
@@ -291,6 +296,16 @@ class _Reading:
             else:
                 lines.append(LinePoints(name, points, sigma))
         return Observations(width, height, circles, tuple(lines), tuple(self.marks), tuple(self.keypoints))
+
+
+def _shift_of_crossing(template: FieldTemplate, position: Array) -> Array:
+    """How a point where the middles of painted lines meet moves (3, 2), as :meth:`FieldTemplate.place_shift` says it of
+    the field's own sizes, which on touchlines count to the outer edge.
+    """
+    x, y = position.tolist()
+    side = template.width_m / 2.0
+    is_on_touchline = abs(abs(y) - side) <= template.marking_width_m
+    return template.place_shift((x, float(np.copysign(side, y)) if is_on_touchline else y))
 
 
 _DIRECTIONS: dict[str, Any] = {

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from circlecal.camera.multistart import find_optima
+from circlecal.camera.multistart import find_optima, leave_local_optimum
 from circlecal.camera.observed import median_sigmas
 from circlecal.camera.options import CameraConfig, has_position
 from circlecal.camera.problem import COARSE
@@ -25,7 +25,7 @@ from circlecal.estimation.contradictions import (
     find_straining_marking,
 )
 from circlecal.estimation.optima import choose_optimum, distinct_optima, leave_out_repetitions
-from circlecal.estimation.task import Fit, Task
+from circlecal.estimation.task import Fit, Task, is_dense
 from circlecal.estimation.worlds import choose_world
 from circlecal.field import Circle, FieldTemplate
 from circlecal.observations import MarkingKey, Observations
@@ -96,6 +96,8 @@ def _estimate(task: Task, is_draft: bool = False) -> tuple[Task, Fit, tuple[Mark
     sight = choose_sight(task)
     task, problem, starts = begin(task, sight)
     state = find_optima(problem, starts, config, task.side)
+    if not is_dense(problem.curves):
+        state = leave_local_optimum(problem, state, config, task.side)
     wrong_points = find_contradicting_points(problem, state) | find_lone_contradiction(task, problem, state)
     wrong_markings = find_contradicting_markings(task, problem, state, sight)
     rejected = (*problem.points.select(wrong_points).keys, *wrong_markings)
