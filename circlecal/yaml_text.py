@@ -45,11 +45,6 @@ def _without_colons(pattern: re.Pattern[str]) -> re.Pattern[str]:
 class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
     """Safe YAML in which a key given twice is an error, 1e-3 is a number, and 1:30 a text, not 90 as in YAML 1.1."""
 
-    yaml_implicit_resolvers = {  # noqa: RUF012
-        first: [(tag, _without_colons(pattern) if tag in _NUMBERS else pattern) for tag, pattern in known]
-        for first, known in yaml.SafeLoader.yaml_implicit_resolvers.items()
-    }
-
     def get_single_node(self) -> yaml.Node | None:
         node = super().get_single_node()
         if node is not None and _count(node, {}, set()) > _MOST_VALUES:
@@ -93,6 +88,10 @@ _FLOAT = (
 )
 """What is a number beside those of YAML 1.1: 1e-3, without a point."""
 _Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping_without_doubles)
+_Loader.yaml_implicit_resolvers = {
+    first: [(tag, _without_colons(pattern) if tag in _NUMBERS else pattern) for tag, pattern in known]
+    for first, known in yaml.SafeLoader.yaml_implicit_resolvers.items()
+}
 _Loader.add_implicit_resolver(*_FLOAT)
 
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from circlecal import results
 from circlecal.api.calibration import Calibration
-from circlecal.config import Config, load_config, suit_config
+from circlecal.config import AUTO, Config, load_config, suit_config
 from circlecal.errors import ConfigError, InputError
 from circlecal.field import FieldTemplate
 from circlecal.formats.annotation import Annotation
@@ -215,7 +215,7 @@ def suit_annotation(config: Config, annotation: Annotation) -> Config:
     field, named = annotation.field, config.field.template
     if "field" not in annotation.model_fields_set or field == named or Path(field).name == Path(named).name:
         return config
-    is_named = named != "auto" and {"field", "template"} <= config.model_fields_set | config.field.model_fields_set
+    is_named = named != AUTO and "field" in config.model_fields_set and "template" in config.field.model_fields_set
     if is_named:
         raise InputError(f"{annotation.id}: was annotated on the field {field}, not on {named}; name it with --field")
     try:

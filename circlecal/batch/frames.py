@@ -17,9 +17,9 @@ from circlecal.api.calls import calibrate_annotation, calibrate_picture, suit_an
 from circlecal.config import Config, config_digest
 from circlecal.detection.keypoints import require_keypoint_networks
 from circlecal.errors import InputError
-from circlecal.field import Circle, FieldTemplate
+from circlecal.field import FieldTemplate
 from circlecal.files import fingerprint
-from circlecal.formats.annotation import find_annotation
+from circlecal.formats.annotation import Annotation, find_annotation
 from circlecal.formats.cameras import Size
 from circlecal.formats.exports import Exports
 from circlecal.formats.inputs import FrameOfFile, observations_beside
@@ -187,10 +187,15 @@ class FrameRun:
         template, circle = field_of(self.config)
         if isinstance(frame, FrameOfFile):
             picture = None if self.out is None else _picture_of(frame, self.config.limits)
-            calibration, template, circle = self._calibrate_by_file(frame)
+            if frame.annotation is None:
+                calibration = calibrate_observations(frame.observed, self.config, frame.path, self.convention)
+                in_force = apply_convention(template, self.convention)
+            else:
+                calibration = self._calibrate_by_hand(frame.annotation, frame.id, str(frame.path))
+                in_force = template = calibration.template or template
+                circle = template.circle_by_name.get(calibration.circle_name, circle)
             record = result_record(calibration, template, digest=self.digest)
             if self.exports is not None:
-                in_force = template if frame.annotation is not None else apply_convention(template, self.convention)
                 self.exports.add(record, in_force, circle, frame.image, frame.observed)
         else:
             picture, record, calibration = self._calibrate_picture(frame, template)
@@ -202,15 +207,13 @@ class FrameRun:
             write_outputs(picture, calibration, record, self.config, self.out)
         return record
 
-    def _calibrate_by_file(self, frame: FrameOfFile) -> tuple[FrameCalibration, FieldTemplate, Circle]:
-        """From the file alone; what the workbench wrote counts as it does beside a picture, on its own field."""
-        by_hand = frame.annotation
-        if by_hand is None:
-            found = calibrate_observations(frame.observed, self.config, frame.path, self.convention)
-            return found, *field_of(self.config)
-        config = suit_annotation(self.config, by_hand)
-        found = calibrate_annotation(by_hand, config)
-        return replace(found, id=frame.id, source=str(frame.path)), *field_of(config)
+    def _calibrate_by_hand(self, annotation: Annotation, frame_id: str, source: str) -> FrameCalibration:
+        """From what a person said of a frame in the workbench, alone or beside its picture, on the field of which it
+        was said.
+        """
+        config = suit_annotation(self.config, annotation)
+        template, _ = field_of(config)
+        return replace(calibrate_annotation(annotation, config), id=frame_id, source=source, template=template)
 
     def _calibrate_picture(
         self, frame: PictureFile, template: FieldTemplate
@@ -223,11 +226,8 @@ class FrameRun:
             template = calibration.template or template
             return picture, result_record(calibration, template, time_s=frame.time_s, digest=self.digest), calibration
         _log.info("%s: from its annotation", frame.path)
-        config = suit_annotation(self.config, stored.annotation)
-        template, _ = field_of(config)
-        found = calibrate_annotation(stored.annotation, config)
-        calibration = replace(found, id=frame.id, source=frame.source, template=template)
-        record = result_record(calibration, template, time_s=frame.time_s, digest=self.digest)
+        calibration = self._calibrate_by_hand(stored.annotation, frame.id, frame.source)
+        record = result_record(calibration, calibration.template or template, time_s=frame.time_s, digest=self.digest)
         record = record.model_copy(update={"annotation": stored.digest})
         return None if self.out is None else _picture(frame, self.config.limits), record, calibration
 

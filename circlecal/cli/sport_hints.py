@@ -70,8 +70,9 @@ class SportHints:
         if self._refused:
             return f"what was refused was taken for {config.field.template}"
         strange = _find_strange(self._calibrated, config)
-        told = f"{', '.join(strange)}: taken for {config.field.template}, but the ground is no turf"
-        return told if strange else None
+        if strange:
+            return f"{', '.join(strange)}: taken for {config.field.template}, but the ground is no turf"
+        return None
 
 
 def _find_strange(files: dict[str, tuple[str, float | None]], config: Config) -> list[str]:

@@ -150,7 +150,8 @@ class Annotation(FileModel):
         shapes = tuple(shape for m in self.markings if m.used for shape in _shapes(m, template, nameless))
         image = None if self.source is None else self.source.replace("\\", "/").rpartition("/")[2]
         image = f"{self.id}.jpg" if self.time_s is not None else image
-        return AnnotatedFrame(self.id, self.width, self.height, shapes, image, observations=self.observations(nameless))
+        seen = self.observations(nameless)
+        return AnnotatedFrame(self.id, self.width, self.height, shapes, image, observations=seen, field=self.field)
 
 
 def load_template(name: str) -> FieldTemplate | None:

@@ -152,7 +152,7 @@ def read_frames(
     ids = distinct_names([*taken, *(frame.id for _, frame, _, _ in found)])[len(taken) :]
     read = []
     for identifier, (name, frame, file, by_hand) in zip(ids, found, strict=True):
-        own = None if by_hand is None else load_template(by_hand.field)
+        own = None if by_hand is None else load_template(frame.field)
         observed = observe(replace(frame, id=identifier), own or template, sources, name, str(file.path))
         for warning in observed.warnings:
             _log.warning("%s", warning)
