@@ -231,6 +231,11 @@ CHECKS: dict[str, Gate] = {
     "sigma_m": Gate(
         "too_uncertain", "largest predicted standard deviation on the ground there, m", option="verdict.max_sigma_m"
     ),
+    "assumed_place": Gate(
+        "too_uncertain",
+        "of points without a picture that are too few by themselves: how far the camera that they show lies from where "
+        "main cameras stand, which is assumed then, standard deviations",
+    ),
     "other_size_share": Gate(
         "too_uncertain",
         "how likely a field of another size is, which would be another answer",

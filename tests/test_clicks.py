@@ -20,10 +20,10 @@ TEMPLATE = load_field("soccer", {"marking": 1e-6})
 CAMERA = aim_camera(np.array([3.0, 66.0, -15.0]), np.array([2.0, -3.0, 0.0]), 2300.0, 0.0, 1920, 1080, 0.03)
 
 
-def clicks(lines, count=6, circle=8):
+def clicks(lines, count=6, circle=8, camera=CAMERA):
     rng = np.random.default_rng(1)
-    ring = (circle_points(CAMERA, TEMPLATE, "outer", circle, 1.0, rng),) if circle else ()
-    straight = tuple(line_points(CAMERA, TEMPLATE, name, count, 1.0, rng) for name in lines)
+    ring = (circle_points(camera, TEMPLATE, "outer", circle, 1.0, rng),) if circle else ()
+    straight = tuple(line_points(camera, TEMPLATE, name, count, 1.0, rng) for name in lines)
     coarse = tuple(replace(line, sigma_px=np.full(len(line.points_px), 1.5)) for line in straight)
     rings = tuple(replace(c, sigma_px=np.full(len(c.points_px), 1.5)) for c in ring)
     return Observations(1920, 1080, rings, coarse)
@@ -130,3 +130,19 @@ def test_few_clicks_are_answered_with_the_options_for_clicks_where_none_are_name
     strict = load_config(None, ["verdict.max_sigma_px=50"])
     assert run_observations(few, strict, frame_id="few").status == "refused"
     assert run_observations(few, Config(), frame_id="few", convention="paint").status == "refused"
+    # what is assumed stands among the checks, and is none of the limits of whoever named the configuration
+    assumed = chosen.verdict.check("assumed_place")
+    assert assumed.passed and 0.0 <= assumed.value < 3.0
+    assert named.verdict.check("assumed_place") is None
+    record = result_record(chosen, TEMPLATE)
+    assert "assumed_place" in {check.name for check in record.checks}
+
+
+def test_few_clicks_of_a_camera_that_stands_elsewhere_are_refused():
+    """Taken for a main camera it would be 47 to 83 px off, and would tell 17 to 31."""
+    elsewhere = aim_camera(np.array([12.0, 110.0, -35.0]), np.array([0.0, 0.0, 0.0]), 6000.0, 0.07, 1920, 1080, 0.03)
+    found = run_observations(
+        clicks(("halfway_line",), count=3, circle=6, camera=elsewhere), Config(), frame_id="elsewhere"
+    )
+    assert (found.status, found.attempt.code) == ("refused", "too_uncertain")
+    assert not found.verdict.check("assumed_place").passed

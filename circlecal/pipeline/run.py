@@ -3,27 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.config import Config, load_config
+from circlecal.config import Config
 from circlecal.errors import InputError
 from circlecal.observations import Observations
 from circlecal.paint.brightness import measure_paint
-from circlecal.pipeline.attempts import estimate, take_observations
 from circlecal.pipeline.discs import DISCS
 from circlecal.pipeline.doubtful_circle import refuse_bare_field, refuse_doubtful
 from circlecal.pipeline.field_lines import FIELD_LINES, is_sure, look_for_field_lines
-from circlecal.pipeline.fields import Convention, apply_convention, field_of
+from circlecal.pipeline.fields import field_of
 from circlecal.pipeline.other_circles import ARCS, OTHER_CIRCLES, mask_arcs
 from circlecal.pipeline.painters import cover_painters
 from circlecal.pipeline.placed_field import PLACED_FIELD
 from circlecal.pipeline.placed_view import ALL_MARKINGS
 from circlecal.pipeline.refinements import calibrate_scene
 from circlecal.pipeline.setting import Looks, Scene, Setting, frame_generator, prepare_scene
-from circlecal.results import Attempt, CameraFit, FrameCalibration, Verdict
+from circlecal.results import Attempt, FrameCalibration, Verdict
 
 ARC_ALONE = (
     "part of a circle is seen and no line through its middle: nothing else tells how it is turned, or whether it is a "
@@ -118,68 +116,6 @@ def _measure_paint(setting: Setting, scene: Scene, attempt: Attempt) -> tuple[fl
         return None
     circle = template.circle_by_name.get(attempt.circle_name or setting.circle.name, setting.circle)
     return measure_paint(scene.image, camera.view, circle, template) if mask.source == "detector" else None
-
-
-def run_observations(
-    observations: Observations,
-    config: Config,
-    *,
-    frame_id: str,
-    source: str | None = None,
-    convention: Convention = "official",
-    earlier: CameraFit | None = None,
-) -> FrameCalibration:
-    """Calibrate from what somebody else saw: annotated points or detected keypoints, without a picture.
-
-    Parameters
-    ----------
-    observations : Observations
-        Circles, lines, marks and keypoints with their sigmas.
-    config : Config
-        Options of every stage.
-    frame_id, source : str
-        As in :func:`run`.
-    convention : {"official", "paint"}
-        Where points on a marking lie: ``official`` takes them at the size that the rules name (the official metric's
-        model has no paint width, and every field is of its size), ``paint`` on the centreline of the paint.
-    earlier : CameraFit, optional
-        As for :func:`estimate`.
-
-    Returns
-    -------
-    FrameCalibration
-        What is too uncertain with default options for camera and verdict is tried with those of the configuration
-        ``annotations``, whose digest the answer then has.
-    """
-    template, circle = field_of(config)
-    template = apply_convention(template, convention)
-    size = observations.width, observations.height
-
-    def answer(chosen: Config) -> FrameCalibration:
-        setting = Setting(chosen, template, circle, *size, frame_generator(config.seed))
-        attempt = estimate(setting, take_observations(setting, Attempt(), observations), earlier)
-        attempt = cover_painters(setting, attempt)
-        return setting.calibration(attempt, frame_id, source)
-
-    first = answer(config)
-    if first.attempt.code != "too_uncertain" or convention != "official" or not _leaves_choice(config):
-        return first
-    other = answer(config.model_copy(update=_options_for_clicks()))
-    return other if other.status == "calibrated" else first
-
-
-def _leaves_choice(config: Config) -> bool:
-    """Whether nothing was said of cameras and limits, so that those for clicked points may be taken."""
-    usual = Config()
-    is_usual = config.camera == usual.camera and config.verdict == usual.verdict and config.solver is None
-    return is_usual and config.field.template == usual.field.template
-
-
-@lru_cache(maxsize=1)
-def _options_for_clicks() -> dict[str, object]:
-    """Camera and limits of the configuration ``annotations``: few clicks need to know where main cameras stand."""
-    preset = load_config("annotations")
-    return {"camera": preset.camera, "verdict": preset.verdict}
 
 
 def reconsider(setting: Setting, scene: Scene, first: Attempt) -> Attempt:
