@@ -156,6 +156,12 @@ REFUSALS = _by_code(
             f"Name one more line or point (circlecal annotate); {_OTHER_FRAMES}",
         ),
         Refusal(
+            "no_line",
+            "no line through the circle's centre is seen, and case 1 needs one",
+            "The option correspondences.case asks for case 1, which starts from the halfway line.",
+            "Name the halfway line (circlecal annotate), or set correspondences.case=auto.",
+        ),
+        Refusal(
             "no_point",
             "no point of known field position is seen, and case 2 needs one",
             "The option correspondences.case asks for case 2, which starts from a point beside the centre.",

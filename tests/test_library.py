@@ -192,6 +192,12 @@ def test_a_frame_without_players(good, refused):
         assert frame.to_field([], sigma=True).sigma.shape == (0,)
 
 
+@pytest.mark.parametrize("points", [3.0, [1.0, 2.0, 3.0, 4.0], np.zeros((2, 3))])
+def test_a_map_of_points_of_another_shape(good, points):
+    with pytest.raises(ValueError, match=r"must be \(N, 2\)"):
+        good.transformer().transform_points(points)
+
+
 @pytest.mark.parametrize("size", [(0, 7000), (-1, 1), (1, 2, 3)])
 def test_a_map_without_a_size(good, size):
     with pytest.raises(ValueError, match="both positive"):
@@ -348,6 +354,9 @@ def test_calibrate_points(frame_camera):
         ({"sigma_px": -1.0}, "sigma_px"),
         ({"sigma_px": float("nan")}, "sigma_px"),
         ({"convention": "pain"}, "neither 'official' nor 'paint'"),
+        ({"circle": np.zeros((3, 4))}, r"\(N, 2\), column and row of each, not 3 x 4"),
+        ({"circle": np.zeros((2, 7))}, "not 2 x 7"),
+        ({"circle": 3.0}, "not a single number"),
         ({"size": (960.5, 540)}, "size"),
     ],
 )

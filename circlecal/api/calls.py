@@ -391,9 +391,13 @@ def observe_points(
     shapes, keypoints = [], []
     for place, value in points.items():
         try:
-            pixels = np.asarray(value, dtype=np.float64).reshape(-1, 2)
+            pixels = np.asarray(value, dtype=np.float64)
         except (TypeError, ValueError) as error:
             raise InputError(f"{place}: is no pixel (2,) and no list of pixels (N, 2)") from error
+        if pixels.size and pixels.shape[-1:] != (2,):
+            shape = " x ".join(map(str, pixels.shape)) or "a single number"
+            raise InputError(f"{place}: pixels must be (N, 2), column and row of each, not {shape}")
+        pixels = pixels.reshape(-1, 2)
         if not np.isfinite(pixels).all():
             raise InputError(f"{place}: holds a pixel that is not finite")
         if isinstance(place, str):

@@ -43,7 +43,16 @@ class ViewTransformer:
         self._origin_m = np.zeros(2) if size is None else -own / 2.0
 
     def transform_points(self, points: ArrayLike) -> Array:
-        """Places (N, 2) on the map of what is seen at pixels (N, 2); nan where that is no point of the field."""
-        pixels = np.asarray(points, dtype=np.float64).reshape(-1, 2)
+        """Places (N, 2) on the map of what is seen at pixels (N, 2); nan where that is no point of the field.
+
+        Raises
+        ------
+        ValueError
+            The last axis does not hold the column and the row of each pixel.
+        """
+        pixels = np.asarray(points, dtype=np.float64)
+        if pixels.size and pixels.shape[-1:] != (2,):
+            raise ValueError(f"pixels must be (N, 2), not of shape {pixels.shape}")
+        pixels = pixels.reshape(-1, 2)
         field = np.full(pixels.shape, np.nan) if self._view is None else self._view.to_field(pixels)
         return np.asarray((field - self._origin_m) * self._scale)

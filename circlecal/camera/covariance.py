@@ -113,7 +113,8 @@ def data_share(seen: Projection, covariance: Array, prior_normal: Array) -> floa
     """Share of the predicted precision of the first camera's points that the observations bring, 0 to 1.
 
     With the posterior precision F + L (data and prior) the predicted variance J S J^T splits exactly into
-    J S F S J^T and J S L S J^T; L is the priors' Gauss-Newton matrix ``prior_normal`` (P, P).
+    J S F S J^T and J S L S J^T; L is the priors' Gauss-Newton matrix ``prior_normal`` (P, P). The ``covariance`` S
+    (P, P) is that of the linear model alone, since what is added to it for other models has no such shares.
     """
     by_theta = seen.jacobians()[0][0].reshape(-1, len(covariance))
     total = float(((by_theta @ covariance) * by_theta).sum())

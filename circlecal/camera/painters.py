@@ -99,7 +99,7 @@ def follow_errors(problem: Problem, state: State, covariance: Array, template: F
     errors, jacobian = _by_errors(problem, state, template), state.jacobian[0]
     weight = problem.share_of_loss(state.values[0]) ** 2
     moved = covariance @ (weight[:, None] * jacobian).T @ errors
-    sigma_px = np.concatenate([problem.curves.sigma_px, np.repeat(problem.points.sigma_px, 2)])
+    sigma_px = np.concatenate([problem.curves.sigma_px, problem.points.sigmas_px.ravel()])
     squared = sigma_px**2 * ((errors - jacobian @ moved) ** 2).sum(axis=1)
     keys = _names(problem)
     own = {key: np.array([other == key for other in keys]) for key in dict.fromkeys(keys)}

@@ -260,7 +260,7 @@ def with_priors(problem: Problem, state: State, priors: Priors) -> tuple[Problem
 def with_upright(problem: Problem, state: State, upright_px: Array) -> tuple[Problem, State]:
     """The problem with other sigmas (M,) of its fixed points along the picture's vertical, and the state in it."""
     points = problem.points
-    factor = (points.sigma_px if points.upright_px is None else points.upright_px) / upright_px
+    factor = points.sigmas_px[:, 1] / upright_px
     values, jacobian = state.values.copy(), state.jacobian.copy()
     first = len(problem.curves.sigma_px) + 1
     values[:, first::2] *= factor

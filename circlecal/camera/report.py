@@ -74,7 +74,8 @@ def camera_fit(
     beside it, so that what is decided about markings is decided by what was seen.
     """
     model, theta = problem.model, state.theta[0]
-    covariance = widen_valley(posterior_covariance(state.normal[0], problem.priors.sd), growth)
+    linear = posterior_covariance(state.normal[0], problem.priors.sd)
+    covariance = widen_valley(linear, growth)
     if posterior is not None:
         covariance = posterior.widen(covariance)
     is_fixed = not problem.priors.sd[[INDEX["length"], INDEX["breadth"]]].any()
@@ -99,7 +100,7 @@ def camera_fit(
         imaged_center_px=told.imaged_center_px,
         imaged_center_covariance=told.imaged_center_covariance,
         noise_scale=scale,
-        data_share=data_share(told.seen, turn @ covariance @ turn.T, prior.T @ prior),
+        data_share=data_share(told.seen, turn @ linear @ turn.T, prior.T @ prior),
         residual_correlation=_correlation(problem, state, circle),
         max_sigma_px=told.max_sigma_px,
         max_sigma_m=told.max_sigma_m,
@@ -332,11 +333,8 @@ def residuals_px(problem: Problem, state: State) -> dict[MarkingKey, float]:
     Pieces of a marking, and the point where another one ends on it, count together.
     """
     found = {key: _rms(values) for key, values in _residuals_by_marking(problem, state).items()}
-    points = problem.points
-    upright_px = points.sigma_px if points.upright_px is None else points.upright_px
-    for k, key in enumerate(points.keys):
-        sigma_px = np.array([points.sigma_px[k], upright_px[k]])
-        found[key] = float(np.linalg.norm(state.point_values[0, 2 * k : 2 * k + 2] * sigma_px))
+    away_px = state.point_values[0].reshape(-1, 2) * problem.points.sigmas_px
+    found.update(zip(problem.points.keys, np.linalg.norm(away_px, axis=1).tolist(), strict=True))
     return found
 
 

@@ -146,12 +146,16 @@ class FixedPoints:
         """Places on the field and pixels (2, 2 M), each point twice."""
         return np.repeat(self.field_m.T, 2, axis=1), np.repeat(self.points_px.T, 2, axis=1)
 
+    @property
+    def sigmas_px(self) -> Array:
+        """Standard deviations (M, 2) along x and along y."""
+        return np.stack([self.sigma_px, self.sigma_px if self.upright_px is None else self.upright_px], axis=1)
+
     @cached_property
     def across(self) -> Array:
         """Image vectors (2, 2 M) along which the points count, each along x and along y, over sigma."""
         found = np.zeros((2, 2 * len(self.sigma_px)))
-        upright_px = self.sigma_px if self.upright_px is None else self.upright_px
-        found[0, 0::2], found[1, 1::2] = 1.0 / self.sigma_px, 1.0 / upright_px
+        found[0, 0::2], found[1, 1::2] = 1.0 / self.sigmas_px.T
         return found
 
     def select(self, keep: Mask) -> FixedPoints:

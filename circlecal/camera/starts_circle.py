@@ -184,7 +184,7 @@ def _cameras(
         H = homography_from_circle(conic, candidate, line, field_center, radius, direction)
         if H is None:
             continue
-        if camera_side_of(H, side) < 0:
+        if camera_side_of(H, side, field_center) < 0:
             H = turn_homography(H, field_center)
         camera = camera_from_homography(H, model.width, model.height)
         if camera is not None and camera.position_m[2] < 0 and camera.angles_rad[1] > 0:

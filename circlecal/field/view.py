@@ -140,11 +140,9 @@ class FieldView(ShortRepr):
         step_m : float
             Spacing of the grid.
         """
-        half = np.array([template.length_m, template.width_m]) / 2.0
-        x, y = (
-            np.arange(max(-h, c - reach_m), min(h, c + reach_m) + 1e-9, step_m)
-            for h, c in zip(half, np.asarray(center_m, dtype=np.float64), strict=True)
-        )
+        half, center = np.array([template.length_m, template.width_m]) / 2.0, np.asarray(center_m, dtype=np.float64)
+        least, most = np.maximum(-half, center - reach_m), np.minimum(half, center + reach_m)
+        x, y = (_spread_evenly(low, high, step_m) for low, high in zip(least, most, strict=True))
         grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
         return np.asarray(grid[self.shows(self.project(grid))])
 
@@ -191,3 +189,9 @@ class FieldView(ShortRepr):
     def _projection(self, camera: Camera, points_m: Array) -> Projection:
         model = ProjectionModel.of(camera, self.surface)
         return project(theta_of(camera, model, self.surface.crown_m)[None], points_m[None], model)
+
+
+def _spread_evenly(low: float, high: float, step: float) -> Array:
+    """Numbers (N,) between two others, a step apart from each other, as far from the one end as from the other."""
+    steps = int(np.floor((high - low) / step + 1e-9))
+    return np.asarray((low + high) / 2.0 + step * (np.arange(steps + 1) - steps / 2.0), np.float64)

@@ -186,17 +186,18 @@ def turn_homography(H: ArrayLike, center: ArrayLike) -> Array:
 
 
 SIDES = {"main": (0.0, 1.0), "opposite": (0.0, -1.0), "left_goal": (-1.0, 0.0), "right_goal": (1.0, 0.0)}
-"""Direction on the field from its origin to each side on which a camera can stand."""
+"""Direction on the field to each side on which a camera can stand."""
 
 
-def camera_side_of(H: ArrayLike, side: str) -> float:
-    """Positive where the camera stands on the named side of the field's origin (main: y > 0, left_goal: x < 0, ...).
+def camera_side_of(H: ArrayLike, side: str, seen_m: ArrayLike) -> float:
+    """Positive where the camera stands on the named side (main: towards larger y, left_goal: towards smaller x, ...) of
+    a field point ``seen_m`` (2,) that it sees.
 
-    Depth falls towards the camera, so the sign follows from the gradient of w over the field; its size is that of the
-    gradient.
+    Depth falls towards the camera, so the sign follows from the gradient of w over the field and from the sign of w at
+    that point, which is in front of the camera; its size is that of the gradient.
     """
     H = np.asarray(H, dtype=np.float64)
-    gradient = H[2, :2] * (np.sign(H[2, 2]) or 1.0)
+    gradient = H[2, :2] * (np.sign(H[2] @ lift(seen_m)) or 1.0)
     return float(-gradient @ SIDES[side])
 
 

@@ -36,7 +36,7 @@ from circlecal.stages.cues import cues_from_observations, find_cues
 from circlecal.stages.edges import detect_edges
 from circlecal.stages.ellipse import fit_ellipses, fit_observations
 from circlecal.stages.evidence import measure_evidence
-from circlecal.stages.homography import estimate_homography, homography_of_solver, turn_fit
+from circlecal.stages.homography import choose_turn, estimate_homography, homography_of_solver, turn_fit
 from circlecal.stages.mask import find_marking, suit_field
 from circlecal.stages.rays import cast_rays
 from circlecal.stages.surroundings import measure_surroundings
@@ -258,7 +258,9 @@ def _solve(
         found = solve_by_name(solver, seen, setting.template, setting.circle, setting.rng)
         if found.H_image_field is None:
             raise EstimationError("homography", found.code, found.reason)
-        homography = homography_of_solver(found.H_image_field, np.asarray(setting.circle.center))
+        center, side = np.asarray(setting.circle.center), setting.config.correspondences.camera_side
+        H = choose_turn(found.H_image_field, seen, setting.template, center, side)
+        homography = homography_of_solver(H, center)
     return replace(attempt, homography=homography)
 
 

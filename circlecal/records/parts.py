@@ -186,6 +186,7 @@ class CameraRecord(CameraRow):
     named_lines: list[str] = []
     rejected_observations: list[str] = []
     noise_scale: Number = None
+    mean_sigma_px: Number = None
     data_share: Number = None
     prior_dominated: bool | None = None
     residual_correlation: Number = None

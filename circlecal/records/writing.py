@@ -160,6 +160,7 @@ def _camera(fit: CameraFit) -> dict[str, Any]:
         "reference_m": fit.reference_m,
         "reference_by_growth": fit.reference_by_growth,
         "max_sigma_px": fit.max_sigma_px,
+        "mean_sigma_px": fit.mean_sigma_px,
         "max_sigma_m": fit.max_sigma_m,
         "field_size": fit.field_size,
     }

@@ -48,7 +48,7 @@ def solve(observations: Observations, template: FieldTemplate, circle: Circle, r
     )
     if H is None:
         raise failure("center_outside", "the imaged centre lies outside the ellipse")
-    return turn_homography(H, seen.center_m) if camera_side_of(H, "main") < 0 else H
+    return turn_homography(H, seen.center_m) if camera_side_of(H, "main", seen.center_m) < 0 else H
 
 
 def imaged_middle(s: Array, tau: Array) -> float:

@@ -60,7 +60,7 @@ def solve(observations: Observations, template: FieldTemplate, circle: Circle, r
         return _homography(K, found, pair, pair[1].center_m - pair[0].center_m, found.centers[1] - found.centers[0])
     line = central_line(observations, template, circle)
     H = _homography(K, found, pair, line.direction, np.cross(found.normal, K.T @ line.image_line))
-    return turn_homography(H, pair[0].center_m) if camera_side_of(H, "main") < 0 else H
+    return turn_homography(H, pair[0].center_m) if camera_side_of(H, "main", pair[0].center_m) < 0 else H
 
 
 @intrinsics_solver

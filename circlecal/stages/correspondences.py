@@ -96,6 +96,8 @@ def derive_correspondences(
     point = next((k for k in keypoints if np.linalg.norm(k.field_m - circle.center) > 1e-6), None)
     if line is None and point is None:
         raise refuse("correspondences", "no_line_or_point")
+    if line is None and config.case == 1:
+        raise refuse("correspondences", "no_line")
     center, source = _imaged_center(ellipses, cues, size, config)
     o = np.asarray(circle.center)
     if line is not None and config.case != 2 and template.halfway_line is not None:
@@ -288,4 +290,4 @@ def _is_turned(
     if toward is not None:
         ahead = dehomogenise(H @ lift(field_center + 1e-3 * direction)) - dehomogenise(center)
         return bool(ahead @ (toward - dehomogenise(center)) < 0)
-    return camera_side_of(H, side) < 0
+    return camera_side_of(H, side, field_center) < 0

@@ -197,3 +197,12 @@ def test_the_visible_field_is_what_lies_in_the_picture():
     pixels = view.project(view.visible_field(SOCCER))
     assert ((pixels >= 0) & (pixels <= (WIDTH - 1, HEIGHT - 1))).all()
     assert not view.shows([-0.3, 100.0]) and view.shows([-0.3, 100.0], margin_px=0.5)
+
+
+def test_a_mirrored_camera_shows_the_mirrored_points_of_the_field():
+    centred = replace(CAMERA, principal_point_px=image_center(WIDTH, HEIGHT))
+    turned = centred.angles_rad * (-1, 1, -1)
+    mirrored = FieldView(replace(centred, position_m=centred.position_m * (-1, 1, 1), angles_rad=turned), ROOF)
+    seen = FieldView(centred, ROOF).visible_field(SOCCER, center_m=(5.3, 0.0), reach_m=12.2)
+    again = mirrored.visible_field(SOCCER, center_m=(-5.3, 0.0), reach_m=12.2) * (-1, 1)
+    assert sorted(map(tuple, again.round(6))) == sorted(map(tuple, seen.round(6)))

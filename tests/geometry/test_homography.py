@@ -10,6 +10,7 @@ from circlecal.geometry import homography as hg
 from circlecal.geometry.camera import Camera, image_center
 from circlecal.geometry.conics import circle_conic, transform_conic
 from circlecal.geometry.projective import apply_homography, join, lift, transform_lines
+from circlecal.synthetic.cameras import aim_camera
 
 FIELD = np.random.default_rng(11).uniform(-12.0, 12.0, (40, 2))
 RADIUS_M = 9.15
@@ -153,11 +154,20 @@ def test_turning_twice_changes_nothing(H, x, y):
 
 @given(homographies())
 def test_side_of_the_camera(H):
-    assert hg.camera_side_of(H, "main") > 0 > hg.camera_side_of(H, "opposite")
-    turned = hg.turn_homography(H, np.zeros(2))
-    assert hg.camera_side_of(turned, "opposite") > 0 > hg.camera_side_of(turned, "main")
-    assert hg.camera_side_of(-H, "main") > 0
-    assert hg.camera_side_of(H, "left_goal") == -hg.camera_side_of(H, "right_goal")
+    seen = np.zeros(2)
+    assert hg.camera_side_of(H, "main", seen) > 0 > hg.camera_side_of(H, "opposite", seen)
+    turned = hg.turn_homography(H, seen)
+    assert hg.camera_side_of(turned, "opposite", seen) > 0 > hg.camera_side_of(turned, "main", seen)
+    assert hg.camera_side_of(-H, "main", seen) > 0
+    assert hg.camera_side_of(H, "left_goal", seen) == -hg.camera_side_of(H, "right_goal", seen)
+
+
+def test_the_side_of_a_camera_that_has_the_middle_of_the_field_behind_it():
+    """It stands between the middle and a circle in the corner of the field, on the middle's side of that circle."""
+    camera = aim_camera(np.array([20.0, 10.0, -6.0]), np.array([40.0, 25.0, 0.0]), 1200.0, 0.0, 1920, 1080)
+    assert camera.depth(np.zeros((1, 2)))[0] < 0.0
+    assert hg.camera_side_of(camera.homography, "opposite", (40.0, 25.0)) > 0.0
+    assert hg.camera_side_of(camera.homography, "left_goal", (40.0, 25.0)) > 0.0
 
 
 @given(homographies())

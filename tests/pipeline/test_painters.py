@@ -9,12 +9,10 @@ import pytest
 
 from circlecal.config import load_config
 from circlecal.evaluation.bench.scenarios import select_rows
-from circlecal.pipeline import field_of, run_observations
+from circlecal.pipeline import clicks, field_of, run_observations
 from circlecal.pipeline.painters import cover_painters
 from circlecal.pipeline.setting import Setting, frame_generator
 from circlecal.results import EdgePoints, MarkingMask
-
-RUN = importlib.import_module("circlecal.pipeline.run")  # the package has a function of that name
 
 
 @pytest.fixture
@@ -23,14 +21,14 @@ def without(monkeypatch):
     (scenario,) = select_rows(["17"])
     seen = scenario.draw(np.random.default_rng(3)).observations
     config = load_config("ice-hockey", ["field.circle=faceoff_left_top"])
-    monkeypatch.setattr(RUN, "cover_painters", lambda setting, attempt: attempt)
+    monkeypatch.setattr(clicks, "cover_painters", lambda setting, attempt: attempt)
     setting = Setting(config, *field_of(config), seen.width, seen.height, frame_generator(0))
     return seen, config, setting, run_observations(seen, config, frame_id="rink").attempt
 
 
 def test_they_are_weighed_in_what_is_told_and_in_the_answer(without, monkeypatch):
     seen, config, _, before = without
-    monkeypatch.setattr(RUN, "cover_painters", cover_painters)
+    monkeypatch.setattr(clicks, "cover_painters", cover_painters)
     after = run_observations(seen, config, frame_id="rink").attempt
     np.testing.assert_array_equal(after.camera.theta, before.camera.painters.theta)
     assert not np.array_equal(after.camera.H_image_field, before.camera.H_image_field)

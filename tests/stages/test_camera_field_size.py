@@ -53,6 +53,8 @@ def test_the_noise_that_a_usual_field_leaves_does_not_hide_another_size():
     assert fit.other_size.share > 0.1
     assert fit.other_size.share == pytest.approx(1.0 - fit.field_size.usual_share)
     assert fit.other_size.away_px > 20.0
+    # sizes that are mixed widen the covariance, and take nothing of the observations' share
+    assert 0.02 < fit.data_share < 0.05
     usual = estimate_camera(nameless_touchline(68.0), SOCCER, CIRCLE, CameraConfig())
     assert usual.field_size.is_usual
     assert usual.other_size.share < 0.03

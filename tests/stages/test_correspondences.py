@@ -284,6 +284,10 @@ def test_what_is_missing_is_named():
     assert nothing.code == "no_line_or_point"
     assert "no halfway line and no known point" in nothing.reason
     assert refusal_of(fits_of(CAMERA), CorrespondencesConfig(case=2)).code == "no_point"
+    point = Keypoint("beside", np.array([0.0, -9.15]), CAMERA.project(np.array([0.0, -9.15])), 0.1)
+    with pytest.raises(EstimationError) as refused:
+        derived(CAMERA, CorrespondencesConfig(case=1), cues=cues_of(CAMERA, line=False), keypoints=(point,))
+    assert refused.value.code == "no_line"
 
 
 def test_a_centre_outside_the_ellipse_is_refused():

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from circlecal.errors import EstimationError
-from circlecal.geometry.homography import transfer_errors
+from circlecal.geometry.homography import transfer_errors, turn_homography
 from circlecal.geometry.projective import lift
+from circlecal.observations import Keypoint, LinePoints, Observations
 from circlecal.results import PointCorrespondence
 from circlecal.stages.correspondences import correspondences_from_line
-from circlecal.stages.homography import HomographyConfig, estimate_homography
+from circlecal.stages.homography import HomographyConfig, choose_turn, estimate_homography
 
-from .conftest import CIRCLE, line_cue, true_conic, view
+from .conftest import CIRCLE, SOCCER, line_cue, true_conic, view
 
 CAMERA = view()
 EXACT = correspondences_from_line(
@@ -69,3 +70,22 @@ def test_refusals():
     with pytest.raises(EstimationError) as refused:
         estimate_homography(replace(EXACT, points=on_a_line, tangents=()), np.zeros(2), HomographyConfig())
     assert refused.value.code == "degenerate"
+
+
+def test_a_published_method_is_turned_to_the_side_of_the_camera_or_to_what_was_seen():
+    turned = turn_homography(CAMERA.homography, np.zeros(2))
+    line = LinePoints("halfway_line", CAMERA.project(np.array([[0.0, -9.0], [0.0, 9.0]])), np.ones(2))
+    alike = Observations(CAMERA.width, CAMERA.height, lines=(line,))
+
+    def error_px(H, seen, side):
+        chosen = choose_turn(H, seen, SOCCER, np.zeros(2), side)
+        return transfer_errors(chosen, FIELD, CAMERA.project(FIELD)).max()
+
+    for H in (CAMERA.homography, turned):
+        assert error_px(H, alike, "main") < 1e-6
+        assert error_px(H, alike, "opposite") > 50.0
+        place = np.array([0.0, -9.15])
+        told = replace(alike, keypoints=(Keypoint("far crossing", place, CAMERA.project(place) + 0.5, 1.0),))
+        assert error_px(H, told, "opposite") < 1e-6
+        touchline = LinePoints("side_line_top", CAMERA.project(np.array([[-5.0, -34.0], [5.0, -34.0]])), np.ones(2))
+        assert error_px(H, replace(alike, lines=(line, touchline)), "opposite") < 1e-6
