@@ -438,6 +438,24 @@ def test_keypoints_lie_where_the_convention_puts_them(frame_camera, convention, 
     assert told == {name: pytest.approx(place) for name, place in names.items()}
 
 
+@pytest.mark.parametrize(("convention", "radius_m"), [("official", 9.15), ("paint", 9.09)])
+def test_a_result_from_points_keeps_its_convention(frame_camera, convention, radius_m, tmp_path):
+    angle = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+    rim = radius_m * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    made = circlecal.calibrate_points(
+        size=(960, 540),
+        circle=frame_camera.project(rim),
+        lines={"halfway_line": frame_camera.project([[0.0, -12.0], [0.0, 12.0]])},
+        keypoints={(0.0, 0.0): frame_camera.project([0.0, 0.0])},
+        convention=convention,
+        set={"verdict.max_sigma_px": 100},
+    )
+    kept = circlecal.load(made.save(tmp_path / "points.json"))
+    assert kept.field.marking_width_m == pytest.approx(2 * (9.15 - radius_m), abs=1e-6)
+    first, again = (each.export("labelme", tmp_path / name)[0] for each, name in ((made, "a"), (kept, "b")))
+    assert first.read_text() == again.read_text()
+
+
 def test_points_beside_a_picture(frame_image, frame_camera):
     wrong = frame_camera.project([0.0, -9.15]) + 40.0
     right = circlecal.calibrate(frame_image, points={"centre_circle top": frame_camera.project([0.0, -9.09])})

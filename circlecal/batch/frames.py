@@ -194,7 +194,7 @@ class FrameRun:
                 calibration = self._calibrate_by_hand(frame.annotation, frame.id, str(frame.path))
                 in_force = template = calibration.template or template
                 circle = template.circle_by_name.get(calibration.circle_name, circle)
-            record = result_record(calibration, template, digest=self.digest)
+            record = result_record(calibration, in_force, digest=self.digest)
             if self.exports is not None:
                 self.exports.add(record, in_force, circle, frame.image, frame.observed)
         else:

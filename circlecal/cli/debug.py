@@ -68,12 +68,12 @@ def debug(
     for frame in frames:
         try:
             stored = find_annotation(annotations or out / ANNOTATION_FOLDER, frame.id, frame.path)
+            suited = chosen if stored is None else suit_annotation(chosen, stored.annotation)
             picture, calibration = calibrate_frame(frame, chosen, mask, keypoints)
         except InputError as error:
             report(error)
             continue
         if stored is not None:
-            suited = suit_annotation(chosen, stored.annotation)
             by_hand = calibrate_annotation(stored.annotation, suited).attempt
             looked_at = replace(
                 by_hand, mask=calibration.attempt.mask, edges=calibration.attempt.edges, rays=calibration.attempt.rays

@@ -9,6 +9,8 @@ from circlecal.errors import ConfigError
 from circlecal.field import Circle, FieldTemplate, load_field
 
 Convention = Literal["official", "paint"]
+NO_PAINT_M = 1e-9
+"""Width of paint that has none, metres: both of its edges lie where the rules put the marking."""
 
 
 def field_of(config: Config) -> tuple[FieldTemplate, Circle]:
@@ -48,8 +50,12 @@ def _known_sizes(config: Config) -> dict[str, float | None]:
 
 
 def apply_convention(template: FieldTemplate, convention: Convention) -> FieldTemplate:
-    """The template as :func:`run_observations` takes it: with ``official`` no width of markings, and exact sizes."""
+    """The template as :func:`run_observations` takes it: with ``official`` no width of markings, and exact sizes.
+
+    A result tells the convention by the width of the paint among the sizes of its field.
+    """
     if convention == "paint":
         return template
     known = {"marking_width_sd_m": 0.0, "length_sd_m": 0.0, "width_sd_m": 0.0}
-    return template.model_copy(update={"marking_width_m": 1e-9, **known})
+    sizes = template.sizes | ({"marking": NO_PAINT_M} if "marking" in template.sizes else {})
+    return template.model_copy(update={"marking_width_m": NO_PAINT_M, "sizes": sizes, **known})

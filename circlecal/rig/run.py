@@ -238,7 +238,8 @@ class RigTask:
         # a frame that the list leaves out is of none of them
         known = None if self.cameras is None else self.cameras.get(frame.id, "")
         found = again.confirm(recalibrate(seen, self.rigs, again, seen_as, circle, self.config, known))
-        return _new_record(frame.record, found, template, self.digest)
+        told_as = seen_as if _is_annotated(frame.record) else template
+        return _new_record(frame.record, found, told_as, self.digest)
 
 
 def read_cameras(path: Path) -> dict[str, str]:

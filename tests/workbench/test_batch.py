@@ -137,6 +137,14 @@ def test_what_a_person_said_of_a_frame_counts_in_its_file_alone(robots, run_circ
     outcome = run_circlecal("calibrate", robots, "--no-overlay", "--out", tmp_path / "b")
     assert outcome.code == 2
     assert "robots: its field cannot be read" in outcome.err
+    # of several pictures the others are shown
+    for name in ("robots", "plain"):
+        cv2.imwrite(str(tmp_path / f"{name}.png"), np.full((540, 960, 3), 90, np.uint8))
+    pictures = tmp_path / "robots.png", tmp_path / "plain.png"
+    outcome = run_circlecal("debug", *pictures, "--out", tmp_path / "c")
+    assert outcome.code == 2
+    assert "robots: its field cannot be read" in outcome.err
+    assert (tmp_path / "c" / "plain" / "result.json").is_file()
 
 
 def test_annotations_of_other_programs_beside_pictures_are_said_to_be_ignored(pictures, run_circlecal, tmp_path):
