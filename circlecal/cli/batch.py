@@ -129,7 +129,7 @@ def batch(
         )
         refused = report.frames - report.calibrated
     _write_further(exports, run, work.frames, final)
-    if refused and not quiet:
+    if not quiet:
         is_chosen = bool(field or config or settings)
         SportHints.of_run(final).print_hint(chosen, is_chosen=is_chosen, camera_prior=camera_prior, venue=venue)
     if failures:

@@ -102,7 +102,7 @@ def track(
         refused = report.progress.refused
         _write_further(videos, run, exports, out, video=video, quiet=quiet)
         _print_report(report, run, out, as_json=as_json, quiet=quiet)
-        if refused and not quiet:
+        if not quiet:
             is_chosen = bool(field or config or settings)
             SportHints.of_run(out).print_hint(chosen, is_chosen=is_chosen, camera_prior=None, venue=venue)
     if failures:

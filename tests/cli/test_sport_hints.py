@@ -1,5 +1,6 @@
 """What may help refused pictures and videos, and doubt of calibrated ones, said once at the end of a run."""
 
+import json
 from pathlib import Path
 
 import cv2
@@ -86,3 +87,14 @@ def test_batch_says_it_too(run_circlecal, in_this_process, tmp_path):
     for silent in (("--field", "futsal"), ("--config", "broadcast"), ("--quiet",)):
         outcome = run_circlecal("batch", floor, "--workers", 1, "--out", tmp_path / silent[-1], *silent)
         assert "other sports" not in outcome.err
+
+
+def test_batch_doubts_a_run_of_which_nothing_was_refused(run_circlecal, in_this_process, tmp_path):
+    command = "batch", paint_ground(tmp_path / "floor.png", WOOD), "--workers", 1, "--out", tmp_path / "out"
+    run_circlecal(*command)
+    log = tmp_path / "out" / "results.jsonl"
+    record = json.loads(log.read_text())
+    log.write_text(json.dumps({**record, "status": "calibrated", "code": None}) + "\n")
+    outcome = run_circlecal(*command)
+    assert outcome.code == 0
+    assert "circlecal: floor: taken for soccer, but the ground is no turf; --field auto" in outcome.err
