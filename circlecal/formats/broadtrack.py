@@ -77,7 +77,7 @@ def _frame(path: Path, key: str, name: str, stored: _Camera) -> CameraFrame:
     return CameraFrame(name, width, height, camera, image=key)
 
 
-def write(frames: Sequence[CameraFrame], size: Size | None) -> bytes:
+def write(frames: Sequence[CameraFrame]) -> bytes:
     """Content of a file; every camera must be centred.
 
     Raises
@@ -85,8 +85,7 @@ def write(frames: Sequence[CameraFrame], size: Size | None) -> bytes:
     InputError
         No camera fits a homography.
     """
-    resized = [frame.resize(size) for frame in frames]
-    return json_bytes({frame.image or f"/{frame.id}.jpg": _entry(frame.require_camera()) for frame in resized})
+    return json_bytes({frame.image or f"/{frame.id}.jpg": _entry(frame.require_camera()) for frame in frames})
 
 
 def _entry(camera: Camera) -> dict[str, Any]:

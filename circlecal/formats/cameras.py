@@ -85,29 +85,42 @@ class CameraFrame:
         InputError
             No camera fits the homography.
         """
+        H = self.H_image_field
+        if H is None and self.camera is not None:
+            view = FieldView(self.camera)
+            H = nearest_homography(view, *_visible_field(view, template, template.circles[0]))
         if holds == "homography":
-            return self
+            return replace(self, H_image_field=H)
         camera = self.require_camera()
-        return replace(self, camera=center_camera(camera, template) if holds == "centred camera" else camera)
+        camera = center_camera(camera, template) if holds == "centred camera" else camera
+        return replace(self, camera=camera, H_image_field=H)
 
     def resize(self, size: Size | None) -> CameraFrame:
-        """The frame with its camera for pictures of another size; as it is where that is None.
+        """The frame for pictures of another size; as it is where that is None.
 
         Raises
         ------
         InputError
             No camera fits the homography.
         """
-        if size is None:
-            return replace(self, camera=self.require_camera())
-        return CameraFrame(self.id, *size, resize_camera(self.require_camera(), size), None, self.image)
+        if size is None or size == (self.width, self.height):
+            return self
+        camera, H = self.require_camera(), self.H_image_field
+        if H is not None:
+            H = scale_homography(np.diag([*_factors((self.width, self.height), size), 1.0]) @ H)
+        return CameraFrame(self.id, *size, resize_camera(camera, size), H, self.image)
+
+
+def _factors(before: Size, after: Size) -> tuple[float, float]:
+    """By what columns and rows of pictures of one size are multiplied in those of another."""
+    return (after[0] - 1) / (before[0] - 1), (after[1] - 1) / (before[1] - 1)
 
 
 def resize_camera(camera: Camera, size: Size) -> Camera:
     """The camera for pictures of another size, between which pixels go by ``(W' - 1) / (W - 1)``."""
     if size == (camera.width, camera.height):
         return camera
-    factor = (size[0] - 1) / (camera.width - 1), (size[1] - 1) / (camera.height - 1)
+    factor = _factors((camera.width, camera.height), size)
     keys = camera.soccernet()
     keys["x_focal_length"] *= factor[0]
     keys["y_focal_length"] *= factor[1]
@@ -177,18 +190,38 @@ class CalibratedFrame:
     @cached_property
     def picture_homography(self) -> Array:
         """Field to pixels of the frame as stored (3, 3), nearest to lens and crown over the field in view."""
-        points, pixels = self.visible_field
-        exact = self.camera is None or (not np.any(self.camera.kappa) and self.view.surface.is_flat)
-        found = None if exact or len(points) < _MIN_GRID else dlt(points, pixels)
-        return scale_homography(self.H_image_field if found is None else found.H)
+        return nearest_homography(self.view, *self.visible_field)
 
-    def reduce(self, holds: CameraModel) -> CameraFrame:
-        """The frame as a format can say it."""
+    def reduce(self, holds: CameraModel, size: Size | None = None) -> CameraFrame:
+        """The frame as a format can say it, for pictures of another size where one is given: homographies alone, whose
+        formats have a size of their own, count in the frame's own.
+
+        Raises
+        ------
+        InputError
+            No camera fits the homography.
+        """
         H = self.picture_homography
-        camera = None if holds == "homography" else self.flat
-        if camera is not None and holds == "centred camera":
-            camera = center_camera(camera, self.template)
-        return CameraFrame(self.id, self.width, self.height, camera, H, self.image)
+        if holds == "homography":
+            return CameraFrame(self.id, self.width, self.height, None, H, self.image)
+        whole = CameraFrame(self.id, self.width, self.height, self.flat, H, self.image).resize(size)
+        return whole if whole.camera is None else whole.reduce(holds, self.template)
+
+
+def nearest_homography(view: FieldView, points_m: Array, points_px: Array) -> Array:
+    """Homography (3, 3) from the field to pixels as stored that is nearest to lens and crown.
+
+    Parameters
+    ----------
+    view : FieldView
+        Of which the homography is exact where it has neither lens nor crown.
+    points_m, points_px : (N, 2) arrays
+        Field points in view, and where they are seen.
+    """
+    camera = view.camera
+    exact = not isinstance(camera, Camera) or (not np.any(camera.kappa) and view.surface.is_flat)
+    found = None if exact or len(points_m) < _MIN_GRID else dlt(points_m, points_px)
+    return scale_homography(camera.homography if found is None else found.H)
 
 
 def center_camera(camera: Camera, template: FieldTemplate) -> Camera:

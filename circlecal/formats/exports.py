@@ -124,7 +124,7 @@ class Exports:
             return
         for target in self._targets:
             if isinstance(target, CameraFormat):
-                self._cameras[target.name].append(frame.reduce(target.holds))
+                self._cameras[target.name].append(frame.reduce(target.holds, self._size))
             elif target.derive is not None:
                 self._shapes[target.name].append(target.derive(frame, observed.original if observed else None))
             if target.per_frame:
@@ -154,11 +154,19 @@ class Exports:
 
     def _write(self, target: AnnotationFormat | CameraFormat) -> None:
         if isinstance(target, CameraFormat):
-            contents = _camera_files(self._cameras.pop(target.name, []), target, self._folder, self._size)
-            self.written += _write(contents)
+            frames = self._cameras.pop(target.name, []) + (self._without_camera() if target.lists_refused else [])
+            ordered = frames if target.per_frame else sorted(frames, key=lambda frame: frame.id)
+            self.written += _write(_camera_files(ordered, target, self._folder))
             return
         shapes = self._shapes.pop(target.name, []) + ([] if target.per_frame else self._refused)
         self._write_shapes(sorted(shapes, key=lambda frame: frame.id), target)
+
+    def _without_camera(self) -> list[CameraFrame]:
+        """The refused frames, at the size of the pictures in which cameras count."""
+        return [
+            CameraFrame(frame.id, *(self._size or (frame.width, frame.height)), image=frame.image)
+            for frame in self._refused
+        ]
 
     def _write_shapes(self, shapes: Sequence[AnnotatedFrame], target: AnnotationFormat) -> None:
         """Write annotations, in names that differ from those of the result files beside them, ``<id>.json``."""
@@ -273,7 +281,7 @@ def convert(
         contents = _annotation_files(told, goal.annotations, folder)
         _warn_of_losses(told, contents, goal.annotations, template)
     elif goal.cameras and cameras:
-        contents = _camera_files(_number(cameras), goal.cameras, folder, None)
+        contents = _camera_files(_number(cameras), goal.cameras, folder)
     else:
         raise InputError(f"{paths[0]}: holds no accepted frame; nothing to convert")
     _require_apart(contents, paths)
@@ -378,13 +386,11 @@ def _annotation_files(
     return {folder / target.file_name.format(id=f"{as_stem(frame.id)}{tag}"): target.write([frame]) for frame in frames}
 
 
-def _camera_files(
-    frames: Sequence[CameraFrame], target: CameraFormat, folder: Path, size: Size | None
-) -> dict[Path, bytes]:
-    """Content by path; ``size`` is that of the pictures in which cameras count, their own when None."""
+def _camera_files(frames: Sequence[CameraFrame], target: CameraFormat, folder: Path) -> dict[Path, bytes]:
+    """Content by path."""
     if not target.per_frame:
-        return {folder / target.file_name: target.write(frames, size)}
-    return {folder / target.file_name.format(id=as_stem(frame.id)): target.write([frame], size) for frame in frames}
+        return {folder / target.file_name: target.write(frames)}
+    return {folder / target.file_name.format(id=as_stem(frame.id)): target.write([frame]) for frame in frames}
 
 
 def _write(contents: dict[Path, bytes]) -> list[Path]:

@@ -169,14 +169,17 @@ class CameraFormat(OutsideFormat):
     read : callable
         Frames of a file (path, content, size of the pictures where the file has none).
     write : callable
-        Content of a file, and the size of the pictures in which its pixels count (each frame's own when None).
+        Content of a file.
     holds : {"camera", "centred camera", "homography"}
         The most that the format can say.
+    lists_refused : bool
+        Whether a file of several frames names those without a camera too.
     """
 
     read: Callable[[Path, bytes, Size | None], list[CameraFrame]]
-    write: Callable[[Sequence[CameraFrame], Size | None], bytes]
+    write: Callable[[Sequence[CameraFrame]], bytes]
     holds: CameraModel = "camera"
+    lists_refused: bool = False
     kind: ClassVar[Kind] = "camera"
 
 

@@ -2,7 +2,7 @@
 
 ``images`` (``image_id``, ``file_name``, ``width``, ``height``) and ``annotations``; those of the supercategory
 ``camera`` (category 6) have ``parameters``, SoccerNet's camera at the size of the picture. The other annotations,
-players and lines of the pitch, are left alone. A refused frame is left out.
+players and lines of the pitch, are left alone. A refused frame has its image and no camera: ids count all frames.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def read(path: Path, content: bytes, size: Size | None) -> list[CameraFrame]:
     return frames
 
 
-def write(frames: Sequence[CameraFrame], size: Size | None) -> bytes:
+def write(frames: Sequence[CameraFrame]) -> bytes:
     """Content of a file.
 
     Raises
@@ -77,27 +77,29 @@ def write(frames: Sequence[CameraFrame], size: Size | None) -> bytes:
     """
     images: list[dict[str, Any]] = []
     annotations: list[dict[str, Any]] = []
-    for number, frame in enumerate((frame.resize(size) for frame in frames), start=1):
-        camera, key = frame.require_camera(), f"{number:010d}"
+    for number, frame in enumerate(frames, start=1):
+        key, has_camera = f"{number:010d}", frame.camera is not None or frame.H_image_field is not None
         images.append(
             {
-                "is_labeled": True,
+                "is_labeled": has_camera,
                 "image_id": key,
                 "file_name": frame.image or f"{frame.id}.jpg",
-                "height": camera.height,
-                "width": camera.width,
+                "height": frame.height,
+                "width": frame.width,
                 "has_labeled_person": False,
                 "has_labeled_pitch": False,
-                "has_labeled_camera": True,
+                "has_labeled_camera": has_camera,
             }
         )
+        if not has_camera:
+            continue
         annotations.append(
             {
                 "id": key,
                 "image_id": key,
                 "supercategory": SUPERCATEGORY,
                 "category_id": CATEGORY,
-                "parameters": camera.soccernet(),
+                "parameters": frame.require_camera().soccernet(),
             }
         )
     categories = [{"supercategory": SUPERCATEGORY, "id": CATEGORY, "name": SUPERCATEGORY}]
@@ -114,5 +116,10 @@ def _recognise(content: Content) -> bool:
 
 
 FORMAT = CameraFormat(
-    name="gamestate", recognises=_recognise, read=read, write=write, file_name="Labels-GameState.json"
+    name="gamestate",
+    recognises=_recognise,
+    read=read,
+    write=write,
+    file_name="Labels-GameState.json",
+    lists_refused=True,
 )

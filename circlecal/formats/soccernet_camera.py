@@ -87,7 +87,7 @@ def read(path: Path, content: bytes, size: Size | None) -> list[CameraFrame]:
     return [CameraFrame(path.stem.removeprefix(PREFIX), camera.width, camera.height, camera)]
 
 
-def write(frames: Sequence[CameraFrame], size: Size | None) -> bytes:
+def write(frames: Sequence[CameraFrame]) -> bytes:
     """Content of a file.
 
     Raises
@@ -96,7 +96,7 @@ def write(frames: Sequence[CameraFrame], size: Size | None) -> bytes:
         No camera fits a homography.
     """
     (frame,) = frames
-    return json_bytes(camera_keys(frame.resize(size).require_camera()))
+    return json_bytes(camera_keys(frame.require_camera()))
 
 
 def camera_keys(camera: Camera) -> dict[str, Any]:

@@ -79,7 +79,7 @@ def _field_to_image(path: Path, number: int, sample: _Sample) -> np.ndarray[Any,
     return scale_homography(np.linalg.inv(matrix))
 
 
-def write(frames: Sequence[CameraFrame], size: Size | None) -> bytes:
+def write(frames: Sequence[CameraFrame]) -> bytes:
     """Content of a file, one line per frame.
 
     Raises
@@ -87,7 +87,7 @@ def write(frames: Sequence[CameraFrame], size: Size | None) -> bytes:
     InputError
         No camera fits a homography.
     """
-    return b"".join(_line(frame.resize(size)) for frame in frames)
+    return b"".join(map(_line, frames))
 
 
 def _line(frame: CameraFrame) -> bytes:

@@ -92,7 +92,7 @@ def _read(path: Path, content: bytes, size: Size | None) -> list[CameraFrame]:
     return [read_matrix(path, content)]
 
 
-def _write(frames: Sequence[CameraFrame], size: Size | None) -> bytes:
+def _write(frames: Sequence[CameraFrame]) -> bytes:
     (frame,) = frames
     H = frame.H_image_field if frame.H_image_field is not None else frame.require_camera().homography
     return matrix_bytes(H, (frame.width, frame.height))

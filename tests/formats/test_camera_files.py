@@ -11,7 +11,7 @@ from circlecal.errors import InputError
 from circlecal.field import load_field
 from circlecal.field.view import FieldView
 from circlecal.formats import broadtrack, tvcalib, worldcup
-from circlecal.formats.cameras import CameraFrame, center_camera
+from circlecal.formats.cameras import CameraFrame, center_camera, resize_camera
 from circlecal.formats.format import json_bytes
 from circlecal.formats.soccernet_camera import camera_keys
 from circlecal.geometry.camera import image_center
@@ -36,14 +36,14 @@ def test_a_principal_point_half_a_pixel_beside_the_centre_is_not_centred(centred
 
 
 def test_broadtrack_round_trip(centred):
-    content = broadtrack.write([CameraFrame("000001", 960, 540, centred, image="/a/000001.jpg")], None)
+    content = broadtrack.write([CameraFrame("000001", 960, 540, centred, image="/a/000001.jpg")])
     (again,) = broadtrack.read(FILE, content, None)
     assert (again.id, again.image, again.width) == ("000001", "/a/000001.jpg", 960)
     assert np.abs(again.camera.project(POINTS) - centred.project(POINTS)).max() < 1e-9
 
 
 def test_broadtrack_has_the_field_of_view_and_distortion_per_height(centred):
-    entry = json.loads(broadtrack.write([CameraFrame("a", 960, 540, centred)], None))["/a.jpg"]["cp"]
+    entry = json.loads(broadtrack.write([CameraFrame("a", 960, 540, centred)]))["/a.jpg"]["cp"]
     focal = centred.focal_px[0]
     assert np.tan(np.radians(entry["horizontalFieldOfViewDegrees"] / 2)) == pytest.approx(480 / focal)
     k1 = camera_keys(centred)["radial_distortion"][0]
@@ -51,7 +51,7 @@ def test_broadtrack_has_the_field_of_view_and_distortion_per_height(centred):
 
 
 def test_broadtracks_second_coefficient_goes_with_the_fourth_power_of_heights(centred):
-    record = json.loads(broadtrack.write([CameraFrame("a", 960, 540, centred)], None))
+    record = json.loads(broadtrack.write([CameraFrame("a", 960, 540, centred)]))
     record["/a.jpg"]["cp"]["normalizedRadialDistortionCoefficients"] = [0.0, 0.02, 0.0]
     (found,) = broadtrack.read(FILE, json_bytes(record), None)
     x, y = found.camera.principal_point_px
@@ -60,7 +60,7 @@ def test_broadtracks_second_coefficient_goes_with_the_fourth_power_of_heights(ce
 
 
 def test_a_third_coefficient_is_an_error(centred):
-    record = json.loads(broadtrack.write([CameraFrame("a", 960, 540, centred)], None))
+    record = json.loads(broadtrack.write([CameraFrame("a", 960, 540, centred)]))
     record["/a.jpg"]["cp"]["normalizedRadialDistortionCoefficients"][2] = 0.1
     with pytest.raises(InputError, match="third"):
         broadtrack.read(FILE, json_bytes(record), None)
@@ -77,21 +77,21 @@ def test_the_nearest_center_camera(centred, soccer):
 def test_tvcalib_round_trip(frame_camera):
     camera = replace(frame_camera, kappa=np.array([0.02, 0.01]), principal_point_px=np.array([470.0, 280.0]))
     frames = [CameraFrame("a", 960, 540, camera, image="a.jpg"), CameraFrame("b", 960, 540, camera)]
-    again = tvcalib.read(FILE, tvcalib.write(frames, None), None)
+    again = tvcalib.read(FILE, tvcalib.write(frames), None)
     assert [(f.id, f.image, f.width) for f in again] == [("a", "a.jpg", 960), ("b", "b.jpg", 960)]
     assert np.abs(again[0].camera.project(POINTS) - camera.project(POINTS)).max() < 1e-9
     assert np.allclose(again[0].H_image_field, camera.homography)
 
 
 def test_tvcalib_homography_goes_from_the_picture_to_metres(frame_camera):
-    record = json.loads(tvcalib.write([CameraFrame("a", 960, 540, frame_camera)], None))
+    record = json.loads(tvcalib.write([CameraFrame("a", 960, 540, frame_camera)]))
     x, y, w = np.array(record["homography"]) @ [*frame_camera.project([[9.0, 3.0]])[0], 1.0]
     assert (x / w, y / w) == pytest.approx((9.0, 3.0))
     assert record["aov_radian"] == pytest.approx(2 * np.arctan(480 / frame_camera.focal_px[0]))
 
 
 def test_tvcalib_lists_of_one_and_bad_lines(frame_camera):
-    record = json.loads(tvcalib.write([CameraFrame("a", 960, 540, frame_camera)], None))
+    record = json.loads(tvcalib.write([CameraFrame("a", 960, 540, frame_camera)]))
     listed = {key: [value] if isinstance(value, float | str) else value for key, value in record.items()}
     (again,) = tvcalib.read(FILE, json.dumps(listed).encode(), None)
     assert again.id == "a"
@@ -146,3 +146,32 @@ def test_a_lens_becomes_the_nearest_homography(calibrated, centred):
 
     assert errors(frame.picture_homography).mean() < 0.6 * errors(centred.homography).mean()
     assert np.allclose(calibrated.picture_homography, calibrated.H_image_field)
+
+
+def seen_by(H, points):
+    lifted = np.column_stack([points, np.ones(len(points))]) @ H.T
+    return lifted[:, :2] / lifted[:, 2:]
+
+
+def test_pixels_that_are_not_square_become_square_in_pictures_of_another_shape(calibrated, frame_camera):
+    """Of a picture that is stored 720 x 540 and shown 960 x 540; a field of view across tells one focal length."""
+    stored = resize_camera(frame_camera, (720, 540))
+    frame = replace(calibrated, width=720, view=FieldView(stored))
+    (entry,) = json.loads(broadtrack.write([frame.reduce("centred camera", (960, 540))])).values()
+    again = broadtrack.read(FILE, json_bytes({"a.jpg": entry}), None)[0].camera
+    assert (again.width, again.height) == (960, 540)
+    np.testing.assert_allclose(again.project(POINTS), frame_camera.project(POINTS), atol=0.5)
+
+
+def test_a_homography_is_the_nearest_to_the_lens_in_every_way_to_it(calibrated, centred):
+    template = load_field("soccer")
+    lens = replace(centred, kappa=np.array([0.1, 0.0]))
+    frame = replace(calibrated, view=FieldView(lens))
+    wanted = frame.picture_homography
+    assert np.abs(seen_by(wanted, POINTS) - seen_by(lens.homography, POINTS)).max() > 1.0
+    converted = CameraFrame("a", 960, 540, lens).reduce("homography", template)
+    np.testing.assert_allclose(seen_by(converted.H_image_field, POINTS), seen_by(wanted, POINTS), atol=0.3)
+    for size in (None, (960, 540), (480, 270)):
+        told = json.loads(tvcalib.write([frame.reduce("camera", size)]))["homography"]
+        factor = (1.0, 1.0) if size is None else ((size[0] - 1) / 959, (size[1] - 1) / 539)
+        np.testing.assert_allclose(seen_by(np.linalg.inv(told), POINTS), seen_by(wanted, POINTS) * factor, atol=1e-6)

@@ -49,9 +49,9 @@ def files(seen, frame_camera, tmp_path):
         "cvat": cvat.write([seen]),
         "labelstudio": labelstudio.write([seen]),
         "labelme": labelme.write([seen]),
-        "camera_soccernet": soccernet_camera.write([camera], None),
-        "broadtrack": broadtrack.write([camera], None),
-        "tvcalib": tvcalib.write([camera, camera], None),
+        "camera_soccernet": soccernet_camera.write([camera]),
+        "broadtrack": broadtrack.write([camera]),
+        "tvcalib": tvcalib.write([camera, camera]),
         "worldcup": worldcup.matrix_bytes(frame_camera.homography, (1280, 720)),
     }
     paths = {}

@@ -1,17 +1,21 @@
 """SoccerNet game states: lines of many frames in one file."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from circlecal.config import load_config
 from circlecal.errors import InputError
 from circlecal.formats import gamestate_camera
 from circlecal.formats.cameras import CameraFrame
-from circlecal.formats.exports import convert
-from circlecal.formats.meaning import SourcesConfig, read_observations
+from circlecal.formats.exports import Exports, convert
+from circlecal.formats.meaning import SourcesConfig, observe, read_observations
 from circlecal.formats.registry import annotation_formats, open_file, read_annotations
 from circlecal.geometry.camera import Camera, image_center
+from circlecal.pipeline import run_observations
+from circlecal.records.writing import result_record
 
 
 def labels(*lines, images=({"image_id": "3001", "file_name": "000001.jpg", "width": 1920, "height": 1080},)):
@@ -89,13 +93,33 @@ def test_cameras_come_back(tmp_path, soccer):
         np.array([0.3, 61.0, -14.0]), np.array([0.02, 0.0]),
     )  # fmt: skip
     path = tmp_path / "Labels-GameState.json"
-    path.write_bytes(gamestate_camera.write([CameraFrame("clip_1", 1280, 720, camera)], None))
+    path.write_bytes(gamestate_camera.write([CameraFrame("clip_1", 1280, 720, camera)]))
     found, _ = open_file(path)
     assert found is gamestate_camera.FORMAT
     (frame,) = gamestate_camera.read(path, path.read_bytes(), None)
     assert (frame.id, frame.image) == ("clip_1", "clip_1.jpg")
     np.testing.assert_allclose(frame.camera.project(np.eye(3)), camera.project(np.eye(3)), atol=1e-6)
     assert path not in convert([path], None, "broadtrack", tmp_path / "out", soccer)
+
+
+def test_images_are_numbered_through_refused_frames(tmp_path, seen, soccer):
+    circle = soccer.circle_by_name["centre_circle"]
+    exports = Exports(["gamestate"], tmp_path, size=(480, 270))
+    observed = observe(seen, soccer, SourcesConfig(), "labelme", "view").observations
+    config = load_config(None, ["verdict.max_sigma_px=1000", "verdict.max_mean_sigma_px=1000"])
+    found = run_observations(observed, config, frame_id="clip")
+    assert found.status == "calibrated"
+    for number, status in enumerate(("calibrated", "refused", "calibrated")):
+        record = result_record(replace(found, id=f"clip_{number}"), soccer)
+        exports.add(record.model_copy(update={"status": status}), soccer, circle, f"clip_{number}.jpg")
+    exports.finish()
+    path = tmp_path / "Labels-GameState.json"
+    content = json.loads(path.read_text())
+    told = [(image["image_id"][-1], image["file_name"], image["has_labeled_camera"]) for image in content["images"]]
+    assert told == [("1", "clip_0.jpg", True), ("2", "clip_1.jpg", False), ("3", "clip_2.jpg", True)]
+    assert {(image["width"], image["height"]) for image in content["images"]} == {(480, 270)}
+    assert [annotation["image_id"][-1] for annotation in content["annotations"]] == ["1", "3"]
+    assert [frame.id for frame in gamestate_camera.read(path, path.read_bytes(), None)] == ["clip_0", "clip_2"]
 
 
 def test_a_camera_without_its_image_is_told(tmp_path):

@@ -67,7 +67,7 @@ def test_the_size_is_asked_for():
 
 
 def camera_record(camera):
-    return json.loads(soccernet_camera.write([CameraFrame("a", camera.width, camera.height, camera)], None))
+    return json.loads(soccernet_camera.write([CameraFrame("a", camera.width, camera.height, camera)]))
 
 
 def read_camera(path, content, size):

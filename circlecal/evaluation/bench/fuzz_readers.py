@@ -355,7 +355,7 @@ def _seeds_of(known: AnnotationFormat | CameraFormat) -> Callable[[], Sequence[S
             return [] if known.write is None else [Seed(suffix, known.write([_frame()]))]
         circle = _field().circle_by_name[_field().default_circle]
         stored = CalibratedFrame.of(_record(), _field(), circle)
-        return [] if stored is None else [Seed(suffix, known.write([stored.reduce(known.holds)], SIZE))]
+        return [] if stored is None else [Seed(suffix, known.write([stored.reduce(known.holds, SIZE)]))]
 
     return seeds
 
