@@ -122,7 +122,7 @@ def _write_further(
     from circlecal.pipeline import field_of
     from circlecal.records.parquet import PARQUET_NAME, write_parquet
     from circlecal.tracking.overlay_video import OVERLAY_NAME, write_overlay_video
-    from circlecal.tracking.run import records_in_order
+    from circlecal.tracking.run import clip_of, records_in_order
 
     template, circle = field_of(run.config)
     if exports.targets:
@@ -131,9 +131,9 @@ def _write_further(
         write_parquet(records_in_order(out), out / PARQUET_NAME)
     if not video:
         return
-    by_path = {str(clip.path): clip for clip in videos}
-    for path, records in groupby(records_in_order(out), key=lambda record: record.path):
-        clip = by_path.get(path or "")
+    clips = {clip.name: clip for clip in videos}
+    for clip_name, records in groupby(records_in_order(out), key=lambda record: clip_of(record.id)):
+        clip = clips.get(clip_name)
         if clip is None:
             continue
         name = OVERLAY_NAME if len(videos) == 1 else f"{clip.name}.{OVERLAY_NAME}"

@@ -228,6 +228,7 @@ class VenueFile(_Part):
     venue_version: int
     field: str
     config_digest: str | None = None
+    clip: str | None = None
     paint_bgr: tuple[Finite, Finite, Finite] | None = None
     tripods: list[TripodPart] = []
 
@@ -288,7 +289,9 @@ def read_venue_file(path: Path) -> VenueFile:
         ) from error
 
 
-def write_venue(path: Path, venue: Venue, template: FieldTemplate, config_digest: str | None = None) -> None:
+def write_venue(
+    path: Path, venue: Venue, template: FieldTemplate, config_digest: str | None = None, clip: str | None = None
+) -> None:
     """Write a venue file, with a summary for its reader on top.
 
     Parameters
@@ -299,6 +302,8 @@ def write_venue(path: Path, venue: Venue, template: FieldTemplate, config_digest
         The field from whose sizes those of the tripods are offsets.
     config_digest : str, optional
         Of the run that found the venue.
+    clip : str, optional
+        Name of the clip in which it was found.
 
     Raises
     ------
@@ -309,6 +314,7 @@ def write_venue(path: Path, venue: Venue, template: FieldTemplate, config_digest
         venue_version=VENUE_VERSION,
         field=venue.field,
         config_digest=config_digest,
+        clip=clip,
         paint_bgr=venue.paint_bgr,
         tripods=[TripodPart.of(tripod, template) for tripod in venue.tripods],
     )

@@ -105,12 +105,14 @@ def run_track(
         for row in log.index.rows():
             report.progress.count(row.status, row.code)
             report.progress.resumed += 1
-        shots = {row.path: row.track.shot for row in read_records(out, ResultRow) if row.track is not None}
+        shots, files = _read_clips(out)
+        _require_own_clips(videos, files, out)
+        paths = {video.name: _venue_path(out, video, len(videos) == 1, restart) for video in videos}
         parts = {video.name: stretches_of(video, run, _last_time_s(log, video)) for video in videos}
         try:
-            before = {} if restart else _venues_before(videos, run, out)
+            before = {} if restart else _venues_before(paths, run)
             with contextlib.closing(
-                _surveys(videos, parts, before, run, out, workers, scheduler, on_survey)
+                _surveys(videos, parts, before, run, paths, workers, scheduler, on_survey)
             ) as surveys:
                 for video, venue in surveys:
                     if isinstance(venue, Venue):
@@ -133,9 +135,48 @@ def run_track(
     return report
 
 
-def venue_path(out: Path, video: Video, videos: Sequence[Video]) -> Path:
-    """The venue file of a clip: ``venue.yaml``, and with its name before it where there are several clips."""
-    return out / (VENUE_NAME if len(videos) == 1 else f"{video.name}.{VENUE_NAME}")
+def clip_of(frame_id: str) -> str:
+    """Name of the clip of a tracked frame, from the frame's own."""
+    return frame_id.rpartition("_")[0]
+
+
+def _venue_path(out: Path, video: Video, is_alone: bool, restart: bool) -> Path:
+    """The venue file of a clip: ``venue.yaml``, and with its name before it where there are several clips, or where
+    another clip has that file.
+    """
+    plain, own = out / VENUE_NAME, out / f"{video.name}.{VENUE_NAME}"
+    if not is_alone:
+        return own
+    try:
+        clip = read_venue_file(plain).clip if is_file(plain) and not restart else None
+    except InputError:  # it is written again
+        clip = None
+    return plain if clip in (None, video.name) else own
+
+
+def _read_clips(out: Path) -> tuple[dict[str, int], dict[str, str | None]]:
+    """Of each clip in the results by its name: the last shot, and the file."""
+    shots: dict[str, int] = {}
+    files: dict[str, str | None] = {}
+    for row in read_records(out, ResultRow):
+        if row.track is not None:
+            shots[clip_of(row.id)], files[clip_of(row.id)] = row.track.shot, row.path
+    return shots, files
+
+
+def _require_own_clips(videos: Sequence[Video], files: Mapping[str, str | None], out: Path) -> None:
+    """A folder holds no frames of another clip with the name of one that is tracked.
+
+    Raises
+    ------
+    InputError
+        It does: the file from which those frames came is still there, and is another one.
+    """
+    for video in videos:
+        before = Path(files.get(video.name) or video.path)
+        if is_file(before) and not before.samefile(video.path):
+            words = f"holds frames of {before}, which has the name of {video.path}"
+            raise InputError(f"{out}: {words}; use another --out, or start over with --restart")
 
 
 def records_in_order(results: Path) -> Iterator[ResultRecord]:
@@ -165,13 +206,13 @@ def tripod_facts(venue: Venue, template: FieldTemplate) -> Iterator[dict[str, An
 
 class _Writer:
     """Appends frames to the results, with their shots counted over each whole clip, from the last one of each clip by
-    its path that is written: a clip that could not be read to its end goes on after others were finished.
+    its name that is written: a clip that could not be read to its end goes on after others were finished.
     """
 
     def __init__(
         self,
         log: ResultLog,
-        shots: dict[str | None, int],
+        shots: dict[str, int],
         progress: BatchProgress,
         on_progress: Callable[[BatchProgress], None],
     ) -> None:
@@ -182,8 +223,9 @@ class _Writer:
         record = tracked.record
         if self._log.index.find(record.id) is not None:
             return
-        before = self._shots.get(record.path)
-        shot = self._shots[record.path] = 0 if before is None else before + tracked.is_cut
+        clip = clip_of(record.id)
+        before = self._shots.get(clip)
+        shot = self._shots[clip] = 0 if before is None else before + tracked.is_cut
         record = number_shot(record, shot)
         self._log.append(Finished.of(record))
         self._progress.count(record.status, record.code)
@@ -201,7 +243,7 @@ def _surveys(
     parts: dict[str, list[Stretch]],
     before: Mapping[str, Venue],
     run: ClipRun,
-    out: Path,
+    paths: Mapping[str, Path],
     workers: int,
     scheduler: str | None,
     on_survey: Callable[[str], None],
@@ -216,22 +258,23 @@ def _surveys(
             todo.append(video)
     for video, found in zip(todo, _map(partial(survey_video, run), todo, workers, scheduler), strict=True):
         if isinstance(found, Venue):
-            write_venue(venue_path(out, video, videos), found, field_of(run.config)[0], run.digest)
+            write_venue(paths[video.name], found, field_of(run.config)[0], run.digest, video.name)
         yield video, found
 
 
-def _venues_before(videos: Sequence[Video], run: ClipRun, out: Path) -> dict[str, Venue]:
+def _venues_before(paths: Mapping[str, Path], run: ClipRun) -> dict[str, Venue]:
     """The venues of clips, by their names, that this run found before it was stopped."""
-    found = {video.name: _read_venue(venue_path(out, video, videos), run) for video in videos}
-    return {name: venue for name, venue in found.items() if venue is not None}
+    found = {clip: _read_venue(path, run, clip) for clip, path in paths.items()}
+    return {clip: venue for clip, venue in found.items() if venue is not None}
 
 
-def _read_venue(path: Path, run: ClipRun) -> Venue | None:
-    """The venue that this run wrote before; None where there is none, or one of another run."""
+def _read_venue(path: Path, run: ClipRun, clip: str) -> Venue | None:
+    """The venue of a clip that this run wrote before; None where there is none, or one of another run or clip."""
     if not is_file(path):
         return None
     try:
-        if read_venue_file(path).config_digest == run.digest:
+        stored = read_venue_file(path)
+        if (stored.config_digest, stored.clip) == (run.digest, clip):
             return read_venue(path, field_of(run.config)[0])
     except InputError as error:
         _log.warning("%s; it is written again", error)

@@ -87,6 +87,8 @@ class ClipRun:
         told += [painters] if painters else []
         named = digest_annotations(self.annotations)
         told += [named] if named else []
+        span = self.sampling.start_s, self.sampling.end_s
+        told += [span] if span != (0.0, None) else []
         return hashlib.sha256(json.dumps(told).encode()).hexdigest()[:12]
 
     def form(self) -> RecordForm:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -172,6 +173,42 @@ def test_another_configuration_is_another_run(tmp_path, engine):
     run_track([video], other, tmp_path / "out", restart=True)
     assert {line["seed"] for line in lines(tmp_path / "out")} == {1}
     assert read_venue_file(tmp_path / "out" / "venue.yaml").config_digest == other.digest
+
+
+def test_another_part_of_a_clip_is_another_run(tmp_path, engine):
+    """Frames before the first one that is written would never be looked at, and the venue would be that of the part."""
+    video = open_clip(tmp_path, frames=30)
+    run_track([video], clip_run(start="0.4", end="0.8"), tmp_path / "out")
+    for span in ({}, {"start": "0.2", "end": "0.8"}, {"start": "0.4"}):
+        with pytest.raises(OtherRunError):
+            run_track([video], clip_run(**span), tmp_path / "out")
+
+
+def test_clips_tracked_one_after_the_other_into_one_folder_have_venues_of_their_own(tmp_path, engine):
+    asked = []
+    for name in ("first", "second", "first"):
+        run_track([open_clip(tmp_path, name, 12)], clip_run(), tmp_path / "out", on_survey=asked.append)
+    assert asked == ["first", "second"]
+    clips = {path.name: read_venue_file(path).clip for path in (tmp_path / "out").glob("*.yaml")}
+    assert clips == {"venue.yaml": "first", "second.venue.yaml": "second"}
+    assert {line["id"].split("_")[0] for line in lines(tmp_path / "out")} == {"first", "second"}
+    run_track([open_clip(tmp_path, "second", 12)], clip_run(), tmp_path / "out", restart=True)
+    assert read_venue_file(tmp_path / "out" / "venue.yaml").clip == "second"
+
+
+def test_another_clip_of_one_name_is_told(tmp_path, engine):
+    video = open_clip(tmp_path, frames=12)
+    run_track([video], clip_run(), tmp_path / "out")
+    (tmp_path / "other").mkdir()
+    other = open_clip(tmp_path / "other", frames=24)
+    with pytest.raises(InputError, match=r"out: holds frames of .*, which has the name of .*other"):
+        run_track([other], clip_run(), tmp_path / "out")
+    # by another way to it, or moved, it is the same clip
+    again = replace(video, path=Path(os.path.relpath(video.path)))
+    assert run_track([again], clip_run(), tmp_path / "out").progress.resumed == 12
+    video.path.rename(tmp_path / "moved.mp4")
+    moved = replace(video, path=tmp_path / "moved.mp4")
+    assert run_track([moved], clip_run(), tmp_path / "out").progress.resumed == 12
 
 
 def test_starting_over_looks_for_the_cameras_again(tmp_path, engine):
