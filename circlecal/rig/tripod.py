@@ -148,7 +148,8 @@ class TripodModel:
         """
         before, after = self.rotations(own, common)
         seen = after @ before[2]
-        return np.asarray(np.exp(own[1, 0]) * seen[:2] / max(seen[2], _LEAST_AHEAD))
+        focal = np.exp(own[1, 0] + np.array([0.0, common[PLACE["log_aspect"]]]))
+        return np.asarray(focal * seen[:2] / max(seen[2], _LEAST_AHEAD))
 
     def rays_about(self, own: Array, common: Array, pixels: Array) -> tuple[Array, Array]:
         """Position (3,) of one camera, own (O,), and directions (N, 3) of unit depth in which it sees pixels (N, 2).

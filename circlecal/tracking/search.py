@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from circlecal.detection.options import RidgeConfig
 from circlecal.detection.ridges import find_ridges
 from circlecal.field import FieldTemplate
-from circlecal.geometry.camera_parameters import KAPPA_1, POSITION, PRINCIPAL, rotations
+from circlecal.geometry.camera_parameters import KAPPA_1, LOG_ASPECT, POSITION, PRINCIPAL, rotations
 from circlecal.geometry.projective import Array
 from circlecal.rig.tripod import TripodEstimate
 from circlecal.tracking.markings import DrawnTemplate, grow_places
@@ -239,8 +239,8 @@ def _nodes_in_view(pieces: _Pieces, rotation: NDArray[np.float32], theta: Array,
     """The nodes that lie between the leftmost and the rightmost direction that any of the cameras (B, P) shows."""
     width, height = tripod.size
     corners = np.array([[-1, -1, 1, 1], [-1, 1, -1, 1]]) * np.array([[width], [height]]) / 2.0 * WIDER
-    focal = np.exp(theta[:, 0])
-    rays = np.concatenate([corners[None] / focal[:, None, None], np.ones((len(theta), 1, 4))], axis=1)
+    focal = np.exp(theta[:, 0, None] + np.stack([np.zeros(len(theta)), theta[:, LOG_ASPECT]], axis=1))
+    rays = np.concatenate([corners[None] / focal[:, :, None], np.ones((len(theta), 1, 4))], axis=1)
     seen = np.swapaxes(rotation, 1, 2) @ rays
     middle = rotation[:, 2].mean(axis=0)
 
@@ -277,7 +277,8 @@ def _see_some(
     scale_px = np.clip(np.float32(1.0) + bend * (x * x + y * y), np.float32(0.7), np.float32(1.5))
     scale_px *= (focal / factor).astype(np.float32)
     center = ((tripod.model.projection.center + theta[:, PRINCIPAL] + 0.5) / factor - 0.5).astype(np.float32)
-    x, y = x * scale_px + center[:, :1], y * scale_px + center[:, 1:]
+    tall = np.exp(theta[:, LOG_ASPECT, None]).astype(np.float32)
+    x, y = x * scale_px + center[:, :1], y * scale_px * tall + center[:, 1:]
     # the middle of each piece stands for it
     mx, my = (x[:, 1:] + x[:, :-1]) * np.float32(0.5), (y[:, 1:] + y[:, :-1]) * np.float32(0.5)
     inside = ahead[:, 1:] & ahead[:, :-1] & (mx >= 0) & (my >= 0) & (mx < columns - 1) & (my < rows - 1)

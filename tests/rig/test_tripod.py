@@ -119,3 +119,13 @@ def test_points_of_the_world_are_projected_as_those_of_the_field() -> None:
     found = MODEL.project_world(own[:, :3], common, world)
     for theta, pixels in zip(MODEL.thetas(own, common), found, strict=True):
         np.testing.assert_allclose(pixels, camera_of(theta, MODEL.projection).project(points), atol=1e-9)
+
+
+def test_the_shift_of_the_axis_counts_in_rows_as_tall_as_they_are() -> None:
+    own = np.array([[7.5, 0.1, 1.7, 0.0], [7.5, 0.12, 1.72, 0.0]])
+    common = np.zeros(len(COMMON))
+    common[:3], common[PLACE["log_aspect"]] = [1.0, 80.0, -15.0], 0.3
+    before, after = (camera_of(theta, MODEL.projection) for theta in MODEL.thetas(own, common))
+    ahead = before.position_m + 1e7 * before.R[2]
+    moved = after.project(ahead) - after.principal_point_px
+    np.testing.assert_allclose(MODEL.shift_of_axis(own, common), moved, atol=0.01)
