@@ -41,6 +41,9 @@ logarithm of the focal length. The sizes are offsets from the template's.
 """
 PLACE = {name: k for k, name in enumerate(COMMON)}
 _PIXELS = frozenset({"pp_x", "pp_y", "pp_x_by_zoom", "pp_y_by_zoom"})
+_ROWS = "pp_y", "pp_y_by_zoom"
+SAME_SHAPE = 1e-3
+"""Shapes of pixels that differ by less are written with other digits: a row of a thousand is one pixel longer."""
 _DIRECT = ("pp_x", "pp_y", "kappa_1", "kappa_2", "log_aspect", "crown", "width", "length", "breadth")
 _ZOOMED = ("pp_x", "pp_y", "kappa_1")
 _LENS = (*_ZOOMED, *(f"{name}_by_zoom" for name in _ZOOMED), "kappa_2", "log_aspect")
@@ -285,21 +288,35 @@ class TripodEstimate:
         """Standard deviation of a parameter."""
         return float(np.sqrt(self.covariance[PLACE[name], PLACE[name]]))
 
-    def resize(self, size: tuple[int, int]) -> TripodEstimate:
-        """The camera for pictures of another size, in which it shows the same."""
+    def resize(self, size: tuple[int, int], stretch: float = 1.0) -> TripodEstimate:
+        """The camera for pictures of another size, in which it shows the same; with ``stretch`` those of which the
+        rows grow so many times as much as the columns.
+        """
         factor = size[0] / self.size[0]
         unit = np.array([factor if name in _PIXELS else 1.0 for name in COMMON])
+        unit[[PLACE[name] for name in _ROWS]] *= stretch
         shift = np.array([np.log(factor), 0.0, 0.0])
+        mean = self.mean * unit
+        mean[PLACE["log_aspect"]] += np.log(stretch)
         return replace(
             self,
             size=size,
             log_focal=self.log_focal + float(np.log(factor)),
-            mean=self.mean * unit,
+            mean=mean,
             covariance=self.covariance * np.outer(unit, unit),
             head_low=self.head_low + shift,
             head_high=self.head_high + shift,
             painters=None if self.painters is None else self.painters.resize(unit),
         )
+
+    def suit_pixels(self, size: tuple[int, int], aspect: float) -> TripodEstimate:
+        """The camera for pictures whose pixels are ``aspect`` times as wide as tall, where its own are known to be of
+        another shape; itself where they are of that shape, or where theirs was estimated.
+        """
+        stretch = aspect / float(np.exp(self.mean[PLACE["log_aspect"]]))
+        if abs(stretch - 1.0) < SAME_SHAPE or self.sigma("log_aspect") > 0.0:
+            return self
+        return self.resize(size, stretch)
 
     def view(
         self, own: Array, own_covariance: Array, cross: Array | None = None, by_errors: Array | None = None
@@ -358,6 +375,10 @@ class Venue:
             There is none.
         """
         return {tripod.name: tripod for tripod in self.tripods}[name]
+
+    def suit_pixels(self, size: tuple[int, int], aspect: float) -> Venue:
+        """The venue for pictures of another size and shape of pixels; see :meth:`TripodEstimate.suit_pixels`."""
+        return replace(self, tripods=tuple(tripod.suit_pixels(size, aspect) for tripod in self.tripods))
 
 
 def angles_of(rotation: Array) -> Array:

@@ -180,7 +180,8 @@ def survey_video(run: ClipRun, video: Video) -> Venue | str:
         config = run.config_of(video)
         named = (a for a in read_anchors(video, run.annotations, config) if start <= a.time_s < end)
         anchors = tuple(replace(anchor, time_s=anchor.time_s - start) for anchor in named)
-        return survey_clip(shift_times, length, config, run.known, anchors, 1.0 / video.rate)
+        known = run.known and run.known.suit_pixels((video.width, video.height), config.camera.aspect)
+        return survey_clip(shift_times, length, config, known, anchors, 1.0 / video.rate)
     except CirclecalError as error:
         return str(error)
     except Exception as error:  # noqa: BLE001 - one bad clip never stops the rest

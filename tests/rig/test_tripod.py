@@ -129,3 +129,25 @@ def test_the_shift_of_the_axis_counts_in_rows_as_tall_as_they_are() -> None:
     ahead = before.position_m + 1e7 * before.R[2]
     moved = after.project(ahead) - after.principal_point_px
     np.testing.assert_allclose(MODEL.shift_of_axis(own, common), moved, atol=0.01)
+
+
+def test_pictures_of_other_pixels_show_the_same() -> None:
+    own, common = random_parameters(9)
+    common[PLACE["log_aspect"]] = 0.0
+    covariance = np.zeros((len(COMMON), len(COMMON)))
+    covariance[0, 0] = 0.04
+    square = TripodEstimate(
+        "camera-1", (1280, 720), MODEL.log_focal, Surface("roof", crown_m=0.05), common, covariance, own[0, :3],
+        own[0, :3],
+    )  # fmt: skip
+    points = np.array([[0.0, 0.0], [9.15, 0.0], [0.0, -9.15]])
+    seen = square.view(own[0, :3], np.zeros((3, 3))).project(points)
+    stored = square.suit_pixels((960, 720), 4 / 3)
+    wide = stored.view(own[0, :3] + np.array([np.log(0.75), 0.0, 0.0]), np.zeros((3, 3)))
+    np.testing.assert_allclose((wide.project(points) + 0.5) / (0.75, 1.0) - 0.5, seen, atol=1e-6)
+    back = stored.suit_pixels((1280, 720), 1.0).view(own[0, :3], np.zeros((3, 3)))
+    np.testing.assert_allclose(back.project(points), seen, atol=1e-6)
+    # pictures that are cut are not stretched, nor are those of a camera that tells the shape of its pixels itself
+    assert square.suit_pixels((960, 720), 1.0) is square
+    covariance[PLACE["log_aspect"], PLACE["log_aspect"]] = 1e-4
+    assert square.suit_pixels((960, 720), 4 / 3) is square
