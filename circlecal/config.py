@@ -417,6 +417,15 @@ def _all_keys(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
             yield from _all_keys(nested, f"{prefix}{name}.")
 
 
+def suit_pixels(config: Config, aspect: float | None) -> Config:
+    """The configuration for pictures whose pixels are ``aspect`` times as wide as tall, as their file tells; the one
+    given where no file tells it, or where it says itself what pixels are like.
+    """
+    if aspect is None or config.camera.aspect != 1.0:
+        return config
+    return config.model_copy(update={"camera": config.camera.model_copy(update={"aspect": aspect})})
+
+
 def config_digest(config: Config) -> str:
     """Twelve hexadecimal digits over everything that can change an answer.
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from circlecal import results
 from circlecal.api.calibration import Calibration
-from circlecal.config import AUTO, Config, load_config, suit_config
+from circlecal.config import AUTO, Config, load_config, suit_config, suit_pixels
 from circlecal.errors import ConfigError, InputError
 from circlecal.field import FieldTemplate
 from circlecal.formats.annotation import Annotation
@@ -144,8 +144,7 @@ def calibrate_picture(
     InputError
         The mask is not of the picture's size.
     """
-    if aspect is not None and config.camera.aspect == 1.0:
-        config = config.model_copy(update={"camera": config.camera.model_copy(update={"aspect": aspect})})
+    config = suit_pixels(config, aspect)
     extra = observe_network(picture, config.keypoints, field_of(config)[0], config.sources)
     if given is not None:
         extra = given if extra is None else join_observations(extra, given)
@@ -179,6 +178,7 @@ def calibrate_annotation(
         The annotation's settings contradict the configuration.
     """
     chosen = load_config(config, annotation.settings) if annotation.settings else config
+    chosen = suit_pixels(chosen, annotation.pixel_aspect)
     seen = observe(annotation.frame(nameless), field_of(chosen)[0], chosen.sources, "workbench", annotation.id)
     observations, name, source = seen.observations, annotation.id, annotation.source
     if annotation.flag is not None:

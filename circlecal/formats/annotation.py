@@ -100,7 +100,7 @@ class Annotation(FileModel):
     """Everything that is known of one frame.
 
     ``revision`` counts the changes; ``settings`` are options for this frame (:data:`SETTINGS`); ``touched`` says
-    whether a person has changed anything.
+    whether a person has changed anything; ``pixel_aspect`` is the width of a pixel over its height.
     """
 
     annotation_version: Literal[1] = 1
@@ -109,6 +109,7 @@ class Annotation(FileModel):
     time_s: float | None = None
     width: Side
     height: Side
+    pixel_aspect: Annotated[float, Field(gt=0, lt=1e3)] = 1.0
     field: str = "soccer"
     revision: Annotated[int, Field(ge=0)] = 0
     touched: bool = False

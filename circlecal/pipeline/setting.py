@@ -83,6 +83,7 @@ class Setting:
             timings_ms=self.timings_ms,
             source=source,
             template=self.template,
+            aspect=self.config.camera.aspect,
         )
 
 

@@ -61,10 +61,11 @@ class FieldRecord(RecordPart):
 
 
 class ImageRecord(RecordPart):
-    """Size of a frame, pixels."""
+    """Size of a frame, pixels, and the width of a pixel over its height."""
 
     width: Annotated[int, Field(gt=0, lt=2**31)]
     height: Annotated[int, Field(gt=0, lt=2**31)]
+    aspect: Annotated[float, Field(gt=0, lt=1e3)] = 1.0
 
 
 class CheckRecord(RecordPart):

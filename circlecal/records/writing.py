@@ -45,7 +45,7 @@ def result_record(
         "schema_version": SCHEMA_VERSION,
         "version": __version__,
         "id": "",
-        "image": {"width": calibration.width, "height": calibration.height},
+        "image": image_part(calibration.width, calibration.height, calibration.aspect),
         "field": {"template": template.name, "circle": calibration.circle_name, "sizes": template.sizes},
         "fields": [asdict(candidate) for candidate in calibration.fields] or None,
         "sport": calibration.sport and asdict(calibration.sport),
@@ -75,6 +75,11 @@ def result_record(
             **_verdict(calibration.verdict),
         }
     )
+
+
+def image_part(width: int, height: int, aspect: float) -> dict[str, float]:
+    """Size of a picture as a record has it, with the shape of its pixels where they are not square."""
+    return {"width": width, "height": height} | ({} if aspect == 1.0 else {"aspect": aspect})
 
 
 def failure_record(

@@ -177,6 +177,8 @@ class FrameCalibration:
         Where the field was to be told by the picture: the templates that were tried, the one that was taken first.
     sport : LikelySport or None
         The sport that the picture looks like, where its field was to be told and it is refused.
+    aspect : float
+        Width of a pixel over its height, as it was assumed.
     paint_bgr : (float, float, float) or None
         What the circle's paint adds to blue, green and red of the surface, where a picture was calibrated under a
         template all of whose markings are in one paint.
@@ -197,6 +199,7 @@ class FrameCalibration:
     template: FieldTemplate | None = None
     fields: tuple[FieldCandidate, ...] = ()
     sport: LikelySport | None = None
+    aspect: float = 1.0
     paint_bgr: tuple[float, float, float] | None = None
     other_paints_bgr: tuple[tuple[float, float, float], ...] = ()
 

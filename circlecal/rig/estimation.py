@@ -18,7 +18,7 @@ from circlecal.camera.residuals import curve_residuals, line_curve, sample_feet
 from circlecal.camera.rig_options import RigConfig
 from circlecal.camera.spike_and_slab import shares_of_all_sizes
 from circlecal.camera.world import BREADTH, FLAT_RELIEF_SHARE, FLAT_SD_M, LENGTH, Size, World
-from circlecal.config import Config
+from circlecal.config import Config, suit_pixels
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera_parameters import INDEX, POSITION, ProjectionModel
 from circlecal.geometry.homography import SIDES
@@ -395,7 +395,7 @@ def problem_of_frame(
     if frame.observations is None:
         raise ValueError(f"frame {frame.id} came without its observations")
     unit = frame.size[0] / 1920.0
-    options = config.camera
+    options = suit_pixels(config, frame.aspect).camera
     model = ProjectionModel(*frame.size, Surface(options.usual_crown, circle.radius_m))
     names = [find_opposite_line(name, template) if turned else name for name in frame.named_lines]
     seen = restore_names(frame.observations, names, theta, template, model).without(frame.rejected)

@@ -29,6 +29,8 @@ class RigFrame:
         The camera's parameters where the frame is calibrated alone.
     named_lines, rejected : tuples of str and of MarkingKey
         Lines that were recognised, and observations that were left out.
+    aspect : float
+        Width of a pixel over its height, as it was assumed.
     """
 
     id: str
@@ -37,6 +39,7 @@ class RigFrame:
     covariance: Array | None
     named_lines: tuple[str, ...] = ()
     rejected: tuple[MarkingKey, ...] = ()
+    aspect: float = 1.0
 
     @property
     def size(self) -> tuple[int, int]:
@@ -61,8 +64,9 @@ def frame_of_calibration(found: FrameCalibration) -> RigFrame:
     """A frame straight from the pipeline."""
     fit = found.attempt.camera if found.status == "calibrated" else None
     if fit is None:
-        return RigFrame(found.id, found.attempt.observations, None, None)
-    return RigFrame(found.id, found.attempt.observations, fit.theta, fit.covariance, fit.named_lines, fit.rejected)
+        return RigFrame(found.id, found.attempt.observations, None, None, aspect=found.aspect)
+    camera = fit.theta, fit.covariance, fit.named_lines, fit.rejected
+    return RigFrame(found.id, found.attempt.observations, *camera, found.aspect)
 
 
 def frame_of_record(record: ResultRecord, source: Path) -> RigFrame:
@@ -74,11 +78,12 @@ def frame_of_record(record: ResultRecord, source: Path) -> RigFrame:
         Its camera is of another version, with the file and the frame.
     """
     camera, seen = record.camera, record.seen
+    aspect = 1.0 if record.image is None else record.image.aspect
     if camera is None or seen is None or record.status != "calibrated":
-        return RigFrame(record.id, seen, None, None)
+        return RigFrame(record.id, seen, None, None, aspect=aspect)
     found = camera.covariance
     if found is None or found.parameters != PARAMETERS or len(found.estimate) != len(PARAMETERS):
         raise InputError(f"{source}: the camera of {record.id} has other parameters than this version; calibrate again")
     theta, covariance = (np.array(values, dtype=np.float64) for values in (found.estimate, found.matrix))
     rejected = tuple(map(MarkingKey.parse, camera.rejected_observations))
-    return RigFrame(record.id, seen, theta, covariance, tuple(camera.named_lines), rejected)
+    return RigFrame(record.id, seen, theta, covariance, tuple(camera.named_lines), rejected, aspect)

@@ -18,7 +18,7 @@ import numpy as np
 
 from circlecal.batch import BatchProgress, run_batch
 from circlecal.batch.frames import calibrate_frame
-from circlecal.config import Config, config_digest
+from circlecal.config import Config, config_digest, suit_pixels
 from circlecal.errors import CirclecalError, InputError
 from circlecal.field import FieldTemplate
 from circlecal.files import is_file, is_folder, prepare_folder, read_table, read_text, real_path
@@ -290,6 +290,7 @@ class _Again:
         if seen is None:
             return self.measured
         convention: Convention = self.convention if annotated else "paint"
+        config = suit_pixels(config, self.frame.aspect)
         found = run_observations(seen, config, frame_id=self.frame.id, source=str(source), convention=convention)
         return None if from_picture and _leaves_the_arc(found, config) else found
 
@@ -318,7 +319,7 @@ class _Again:
         if time_s is None:
             return replace(find_frames([source])[0], id=self.frame.id)
         picture = next(pictures_at(source, [time_s]), None)
-        return PictureFile(self.frame.id, source, self.frame.id, time_s, picture)
+        return PictureFile(self.frame.id, source, self.frame.id, time_s, picture, self.frame.aspect)
 
 
 def accept_short_arcs(config: Config) -> Config:

@@ -19,6 +19,7 @@ from circlecal.geometry.homography import scale_homography
 from circlecal.geometry.projective import Array
 from circlecal.records.parts import RigRecord, SourceRecord
 from circlecal.records.record import SCHEMA_VERSION, ResultRecord
+from circlecal.records.writing import image_part
 from circlecal.refusals import explain
 from circlecal.tracking.results import Head, TrackedFrame
 
@@ -34,7 +35,7 @@ _LEAST_EIGENVALUE = 1e-12
 
 @dataclass(frozen=True, slots=True)
 class RecordForm:
-    """What all records of a run have in common.
+    """What all records of a clip have in common.
 
     Attributes
     ----------
@@ -44,6 +45,8 @@ class RecordForm:
         Seed of the random draws, and digest of everything that the answers depend on beside the clip.
     full : bool
         Whether everything that follows from a camera is written out: covariance matrices, derived points, checks.
+    aspect : float
+        Width of a pixel over its height.
     """
 
     template: FieldTemplate
@@ -51,6 +54,7 @@ class RecordForm:
     seed: int
     digest: str
     full: bool = False
+    aspect: float = 1.0
 
 
 def record_of_track(frame: TrackedFrame, frame_id: str, source: str, shot: int, form: RecordForm) -> ResultRecord:
@@ -65,13 +69,13 @@ def record_of_track(frame: TrackedFrame, frame_id: str, source: str, shot: int, 
     shot : int
         Number of its shot in the whole clip.
     form : RecordForm
-        What all records of the run have in common.
+        What all records of the clip have in common.
     """
     content: dict[str, Any] = {
         "schema_version": SCHEMA_VERSION,
         "version": __version__,
         "id": "",
-        "image": {"width": frame.size[0], "height": frame.size[1]},
+        "image": image_part(*frame.size, form.aspect),
         "field": {"template": form.template.name, "circle": form.circle.name, "sizes": form.template.sizes},
         "status": frame.status,
         "seed": form.seed,

@@ -17,7 +17,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from circlecal.config import Config, config_digest
+from circlecal.config import Config, config_digest, suit_pixels
 from circlecal.errors import CirclecalError, InputError
 from circlecal.formats.annotation import digest_annotations
 from circlecal.pictures.video import Sampling, Video, frame_id, pictures_at
@@ -91,16 +91,14 @@ class ClipRun:
         told += [span] if span != (0.0, None) else []
         return hashlib.sha256(json.dumps(told).encode()).hexdigest()[:12]
 
-    def form(self) -> RecordForm:
-        """What all records have in common."""
-        return RecordForm(*field_of(self.config), self.config.seed, self.digest, self.full)
+    def form(self, video: Video) -> RecordForm:
+        """What all records of a video have in common."""
+        aspect = self.config_of(video).camera.aspect
+        return RecordForm(*field_of(self.config), self.config.seed, self.digest, self.full, aspect)
 
     def config_of(self, video: Video) -> Config:
         """The configuration for the pictures of a video, which may tell that its pixels are not square."""
-        if video.aspect is None or self.config.camera.aspect != 1.0:
-            return self.config
-        camera = self.config.camera.model_copy(update={"aspect": video.aspect})
-        return self.config.model_copy(update={"camera": camera})
+        return suit_pixels(self.config, video.aspect)
 
     def step_s(self, video: Video) -> float:
         """Time between two frames that are wanted, seconds."""
@@ -217,7 +215,7 @@ def track_stretch(run: ClipRun, stretch: Stretch, venue: Venue, on_missing: OnMi
     InputError
         The video cannot be read, or a mistake of the program, in one line that names the clip and the time.
     """
-    video, form = stretch.video, run.form()
+    video, form = stretch.video, run.form(stretch.video)
     before: int | None = None
     now = stretch.start_s
     try:

@@ -138,7 +138,8 @@ def _row_of(record: ResultRow) -> ListedFrame:
     path, camera = record.path or "", record.estimated_camera
     time_s = None if record.source is None else record.source.time_s
     url = path if is_url(path) else None
-    file = PictureFile(record.id, Path(path), record.id, time_s=time_s, url=url)
+    aspect = None if record.image is None else record.image.aspect
+    file = PictureFile(record.id, Path(path), record.id, time_s=time_s, aspect=aspect, url=url)
     sigma = None if camera is None else camera.max_sigma_px
     middle = None if camera is None else camera.principal_point[0]
     width = 1920 if middle is None else round(2.0 * middle) + 1

@@ -134,6 +134,7 @@ def begin_annotation(measured: MeasuredPicture, config: Config, frame: PictureFi
         time_s=frame.time_s,
         width=found.width,
         height=found.height,
+        pixel_aspect=found.aspect,
         field=config.field.template if config.field.template.endswith((".yaml", ".yml")) else template.name,
         markings=markings,
     )
