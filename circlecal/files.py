@@ -28,6 +28,15 @@ _MOST_NAME_BYTES = 100
 """Of a file's name that the temporary file beside it repeats; file systems take 255 bytes."""
 
 
+def are_different(first: str | Path, second: str | Path) -> bool:
+    """Whether two paths name different files of different sizes: not what was copied, and not what is missing."""
+    try:
+        one, other = Path(first).stat(), Path(second).stat()
+    except (OSError, ValueError):
+        return False
+    return stat.S_ISREG(one.st_mode) and not os.path.samestat(one, other) and one.st_size != other.st_size
+
+
 def read_file(path: str | Path, most_bytes: int = MAX_BYTES, raise_limit: str = "split it or scale it down") -> bytes:
     """Content of a regular file from outside.
 
@@ -230,6 +239,20 @@ def size_in_words(count: int) -> str:
         if count >= factor:
             return f"{count / factor:.4g} {unit}"
     return f"{count} bytes"
+
+
+def remove_file(path: Path) -> None:
+    """Take a file away; nothing where it is missing.
+
+    Raises
+    ------
+    OutputError
+        The folder cannot be written to.
+    """
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise write_error(path, error) from error
 
 
 def write_atomic(path: Path, content: bytes) -> None:

@@ -5,16 +5,22 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sized
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 from circlecal.batch.learning import LearnedRun, learn_from
 from circlecal.batch.task import FAILED_CODES, F, Task
+from circlecal.files import are_different
 from circlecal.records.index import ResultIndex
-from circlecal.records.log import Finished, ResultLog, read_records
+from circlecal.records.log import START_OVER, Finished, OtherRunError, ResultLog, read_records
 from circlecal.records.record import ResultRow
 from circlecal.records.summary import write_summary
 
 SUMMARY_NAME = "summary.csv"
+FIRST_ROWS = 256
+"""Frames that a folder holds whose files are compared with those that are given: another folder's pictures differ from
+the first one on.
+"""
 FEWEST_AT_ONCE, SHARE_AT_ONCE = 200, 0.1
 """Frames that were calibrated again, and share of the run's, that are written to the results together, since the whole
 file is written anew."""
@@ -107,7 +113,7 @@ def run_batch(
             _drop_old_frames(log, task.digest, annotations)
         expected = len(frames) if isinstance(frames, Sized) else total or 0
         progress = BatchProgress(total=expected)
-        waiting = _skip_finished(frames, log.index, progress, on_progress)
+        waiting = _skip_finished(_require_own(frames, task, log), log.index, progress, on_progress)
         try:
             with contextlib.closing(_finish_frames(waiting, task, workers, scheduler)) as finished:
                 for frame in finished:
@@ -170,6 +176,25 @@ def _drop_old_frames(log: ResultLog, digest: str, annotations: Mapping[str, str]
     if outdated:
         log.drop(outdated)
         log.take_up(digest)
+
+
+def _require_own(frames: Iterable[F], task: Task[F], log: ResultLog) -> Iterator[F]:
+    """The frames, of which none has the name of another one among the first that the folder holds.
+
+    Raises
+    ------
+    OtherRunError
+        One has: its file is still there, and is another one.
+    """
+    first = islice(read_records(log.path, ResultRow), FIRST_ROWS) if len(log.index) > 0 else ()
+    sources = {row.id: row.path for row in first if row.path is not None}
+    for frame in frames:
+        before, source = sources.get(frame.id), task.source(frame)
+        if before is not None and are_different(before, source):
+            raise OtherRunError(
+                f"{log.path.parent}: holds the result of {before}, which has the name of {source}; {START_OVER}"
+            )
+        yield frame
 
 
 def _skip_finished(

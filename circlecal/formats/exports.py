@@ -13,7 +13,7 @@ import numpy as np
 
 from circlecal.errors import InputError
 from circlecal.field import Circle, FieldTemplate, load_field
-from circlecal.files import real_path, write_atomic
+from circlecal.files import real_path, remove_file, write_atomic
 from circlecal.formats.annotation import draw_measured
 from circlecal.formats.cameras import CalibratedFrame, CameraFrame, Size
 from circlecal.formats.format import AnnotationFormat, CameraFormat
@@ -131,8 +131,14 @@ class Exports:
                 self._write(target)
 
     def _add_refusal(self, measured: AnnotatedFrame) -> None:
-        """Take a refused frame with what was measured in it, for people to go on from."""
+        """Take a refused frame with what was measured in it, for people to go on from; what an earlier run wrote of its
+        calibration is gone.
+        """
         self._refused.append(measured)
+        for form in self._targets:
+            if form.per_frame:
+                tag = "" if isinstance(form, CameraFormat) else _tag(form)
+                remove_file(_path_of(form, measured.id, self._folder, tag))
         # a format of cameras has an annotation of the same name that goes with it, or none
         own = [annotation_formats().get(t.name) if isinstance(t, CameraFormat) else t for t in self._targets]
         for target in own if measured.shapes else ():
@@ -170,7 +176,7 @@ class Exports:
 
     def _write_shapes(self, shapes: Sequence[AnnotatedFrame], target: AnnotationFormat) -> None:
         """Write annotations, in names that differ from those of the result files beside them, ``<id>.json``."""
-        self.written += _write(_annotation_files(shapes, target, self._folder, f".{target.name}"))
+        self.written += _write(_annotation_files(shapes, target, self._folder, _tag(target)))
 
 
 def export_records(
@@ -383,14 +389,24 @@ def _annotation_files(
         return {}
     if not target.per_frame:
         return {folder / target.file_name: target.write(frames)}
-    return {folder / target.file_name.format(id=f"{as_stem(frame.id)}{tag}"): target.write([frame]) for frame in frames}
+    return {_path_of(target, frame.id, folder, tag): target.write([frame]) for frame in frames}
 
 
 def _camera_files(frames: Sequence[CameraFrame], target: CameraFormat, folder: Path) -> dict[Path, bytes]:
     """Content by path."""
     if not target.per_frame:
         return {folder / target.file_name: target.write(frames)}
-    return {folder / target.file_name.format(id=as_stem(frame.id)): target.write([frame]) for frame in frames}
+    return {_path_of(target, frame.id, folder): target.write([frame]) for frame in frames}
+
+
+def _tag(target: AnnotationFormat) -> str:
+    """What follows the id in the names of annotations beside result files, which are ``<id>.json`` too."""
+    return f".{target.name}"
+
+
+def _path_of(target: AnnotationFormat | CameraFormat, frame_id: str, folder: Path, tag: str = "") -> Path:
+    """File of a frame in a format of one file for each; ``tag`` follows the id in its name."""
+    return folder / target.file_name.format(id=f"{as_stem(frame_id)}{tag}")
 
 
 def _write(contents: dict[Path, bytes]) -> list[Path]:

@@ -8,7 +8,8 @@ conversions to metres about the centre mark are in use, and they do not agree by
 ``pnlcalib``
     A pitch of 105 x 68 m: yards = 1.09361 (metres + (52.5, 34)), so the template is 114.83 x 74.37 yards.
 
-Pixels are taken as ours at 1280x720; pictures of other sizes are stretched to it corner to corner. There is no room for
+Pixels are taken as ours at 1280x720; pictures of other sizes are stretched to it corner to corner, and back where their
+size is given. There is no room for
 a lens: what is written is the homography nearest to lens and surface over the field in view. A refused frame has no
 file.
 """
@@ -80,16 +81,24 @@ def parse_matrix(path: Path, content: bytes) -> Array:
 
 def matrix_bytes(H_image_field: Array, size: Size, conversion: Conversion = "tvcalib") -> bytes:
     """Content of a file for a homography from field (metres) to pictures of ``size``; numbers keep all their digits."""
-    factor = np.array(PICTURE) / np.array(size)
-    shift = 0.5 * factor - 0.5
-    stretch = np.array([[factor[0], 0.0, shift[0]], [0.0, factor[1], shift[1]], [0.0, 0.0, 1.0]])
     field_to_template = yards_from_metres(conversion)
-    matrix = scale_homography(field_to_template @ np.linalg.inv(stretch @ H_image_field))
+    matrix = scale_homography(field_to_template @ np.linalg.inv(_stretch_to_picture(size) @ H_image_field))
     return "".join(" ".join(repr(float(v)) for v in row) + "\n" for row in matrix).encode()
 
 
+def _stretch_to_picture(size: Size) -> Array:
+    """Pixels of pictures of a size to those of the format's (3, 3), corner to corner."""
+    factor = np.array(PICTURE) / np.array(size)
+    shift = 0.5 * factor - 0.5
+    return np.array([[factor[0], 0.0, shift[0]], [0.0, factor[1], shift[1]], [0.0, 0.0, 1.0]])
+
+
 def _read(path: Path, content: bytes, size: Size | None) -> list[CameraFrame]:
-    return [read_matrix(path, content)]
+    frame = read_matrix(path, content)
+    if size is None or frame.H_image_field is None:
+        return [frame]
+    H = scale_homography(np.linalg.inv(_stretch_to_picture(size)) @ frame.H_image_field)
+    return [CameraFrame(frame.id, *size, H_image_field=H)]
 
 
 def _write(frames: Sequence[CameraFrame]) -> bytes:

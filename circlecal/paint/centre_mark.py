@@ -316,7 +316,10 @@ def _response(seen: _Rectified, blur_px: float, inner_px: float, side: float) ->
     disc = _disc_coverage(t, distance[used][None], b, a, blur_px)
     disc = np.concatenate([disc[:0:-1], disc])
     kernel = disc - disc.mean(axis=0)  # a change of the surface along the line has no response
-    kernel /= float(np.maximum(kernel, 0.0).sum())  # the response is a mean brightness: never more than the paint's
+    covered = float(np.maximum(kernel, 0.0).sum())
+    if covered == 0.0:  # the disc reaches none of what is measured
+        return _Response(np.zeros(len(shown)), np.zeros(len(shown), np.bool_))
+    kernel /= covered  # the response is a mean brightness: never more than the paint's
     mirrored = np.arange(-half, len(values) + half) % (2 * len(values))
     padded = values[np.minimum(mirrored, 2 * len(values) - 1 - mirrored)]
     response = cv2.matchTemplate(padded, kernel.astype(np.float32), cv2.TM_CCORR)[:, 0]

@@ -33,8 +33,8 @@ _BT709 = 1
 class VideoWriter:
     """Takes the frames of a video that :func:`write_video` has opened."""
 
-    def __init__(self, container: OutputContainer, rate: float) -> None:
-        self._container = container
+    def __init__(self, container: OutputContainer, rate: float, aspect: float | None = None) -> None:
+        self._container, self._aspect = container, aspect
         self._rate = Fraction(rate).limit_denominator(1001)
         self._stream: VideoStream | None = None
         self._last = -1
@@ -76,12 +76,14 @@ class VideoWriter:
         stream = cast("VideoStream", self._container.add_stream(name, rate=self._rate, options=options))
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
         stream.codec_context.time_base = stream.time_base = _TIME_BASE
+        if self._aspect is not None:
+            stream.codec_context.sample_aspect_ratio = Fraction(self._aspect).limit_denominator(1000)
         stream.colorspace = stream.color_primaries = stream.color_trc = _BT709
         return stream
 
 
 @contextlib.contextmanager
-def write_video(path: Path, rate: float) -> Iterator[VideoWriter]:
+def write_video(path: Path, rate: float, aspect: float | None = None) -> Iterator[VideoWriter]:
     """A video file that appears whole when the block is left without an error, and else not at all.
 
     Parameters
@@ -90,6 +92,8 @@ def write_video(path: Path, rate: float) -> Iterator[VideoWriter]:
         File to write, ``.mp4``; one of the same name is replaced.
     rate : float
         Frames per second as the header tells it; every frame has its own time nevertheless.
+    aspect : float, optional
+        Width of a pixel over its height, where it is not 1.
 
     Raises
     ------
@@ -103,7 +107,7 @@ def write_video(path: Path, rate: float) -> Iterator[VideoWriter]:
             replacement(path) as temporary,
             av.open(str(temporary), "w", format="mp4", options={"movflags": "faststart"}) as container,
         ):
-            writer = VideoWriter(container, rate)
+            writer = VideoWriter(container, rate, aspect)
             yield writer
             writer.finish()
     except av.FFmpegError as error:

@@ -63,6 +63,10 @@ class Finished:
         return cls((result_line(record) + "\n").encode(), summarise(record), str(record.config_digest))
 
 
+START_OVER = "use another --out, or start over with --restart"
+"""What helps where a folder holds another run."""
+
+
 class OtherRunError(InputError):
     """The folder holds results of another configuration or other inputs; nothing was changed in it."""
 

@@ -21,14 +21,14 @@ from circlecal.batch.frames import calibrate_frame
 from circlecal.config import Config, config_digest, suit_pixels
 from circlecal.errors import CirclecalError, InputError
 from circlecal.field import FieldTemplate
-from circlecal.files import is_file, is_folder, prepare_folder, read_table, read_text, real_path
+from circlecal.files import is_file, is_folder, read_table, read_text, real_path
 from circlecal.formats.registry import annotation_suffixes
 from circlecal.pictures.files import PictureFile, find_frames
 from circlecal.pictures.limits import LimitsConfig
 from circlecal.pictures.video import pictures_at
 from circlecal.pipeline import Convention, apply_convention, field_of, run_observations
 from circlecal.records.camera_prior import write_prior
-from circlecal.records.log import read_records
+from circlecal.records.log import ResultLog, read_records
 from circlecal.records.parts import AloneRecord, RigRecord
 from circlecal.records.record import ResultRecord, ResultRow
 from circlecal.records.writing import result_record
@@ -155,6 +155,11 @@ def run_rig(
     frames, annotated = [], False
     for record in read_records(results):
         _require_same_field(record, template, results)
+        if record.track is not None:
+            raise InputError(
+                f"{results}: {record.id} is of circlecal track, whose frames share their camera already; its "
+                f"{VENUE_NAME} has that camera"
+            )
         annotated = annotated or _is_annotated(record)
         # what was seen of the frames that are estimated together is read again below: a run may be long
         frames.append(frame_of_record(record, results).without_points())
@@ -164,11 +169,14 @@ def run_rig(
         return {r.id: frame_of_record(r, results) for r in read_records(results) if r.id in wanted}
 
     rigs = estimate_rigs(frames, seen_as, circle, config, cameras, read_frames)
-    prepare_folder(out)
-    for rig in rigs:
-        write_camera(out / f"{rig.name}.yaml", rig, config)
-    write_venue(out / VENUE_NAME, venue_of_rigs(rigs, template.name), template)
     task = RigTask(config, tuple(rigs), cameras, mask, convention, annotated)
+    with ResultLog(out, restart) as log:  # a folder of another run stays as it is
+        log.take_up(task.digest)
+        for old in out.glob("camera-*.yaml"):
+            old.unlink()
+        for rig in rigs:
+            write_camera(out / f"{rig.name}.yaml", rig, config)
+        write_venue(out / VENUE_NAME, venue_of_rigs(rigs, template.name), template)
     again = (RecordedFrame(record.id, record) for record in read_records(results))
     run_batch(again, task, out, workers=workers, total=len(frames), restart=restart, on_progress=on_progress)
     report = RigReport(rigs, len(frames), sum(f.theta is not None for f in frames))

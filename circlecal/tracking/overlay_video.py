@@ -45,7 +45,7 @@ def write_overlay_video(
     """
     wanted, asked = tee(record for record in records if _time(record) is not None)
     pictures = pictures_at(video.path, _times(asked))
-    with write_video(path, video.rate) as writer:
+    with write_video(path, video.rate, video.aspect) as writer:
         for record, picture in zip(wanted, pictures, strict=False):
             time_s = _time(record)
             if picture is not None and time_s is not None:

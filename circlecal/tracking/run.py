@@ -20,12 +20,12 @@ import numpy as np
 from circlecal.batch import SUMMARY_NAME, BatchProgress
 from circlecal.errors import InputError
 from circlecal.field import FieldTemplate
-from circlecal.files import is_file
+from circlecal.files import are_different, is_file
 from circlecal.pictures.video import Video, frame_time
 from circlecal.pipeline import field_of
 from circlecal.records.cameras_table import CAMERAS_NAME, write_cameras
 from circlecal.records.json_text import GIVE_A_RESULT, parse_record
-from circlecal.records.log import Finished, Place, ResultLog, read_records, scan_records
+from circlecal.records.log import START_OVER, Finished, OtherRunError, Place, ResultLog, read_records, scan_records
 from circlecal.records.record import ResultRecord, ResultRow
 from circlecal.records.summary import write_summary
 from circlecal.rig.tripod import PLACE, Venue
@@ -169,14 +169,13 @@ def _require_own_clips(videos: Sequence[Video], files: Mapping[str, str | None],
 
     Raises
     ------
-    InputError
+    OtherRunError
         It does: the file from which those frames came is still there, and is another one.
     """
     for video in videos:
-        before = Path(files.get(video.name) or video.path)
-        if is_file(before) and not before.samefile(video.path):
-            words = f"holds frames of {before}, which has the name of {video.path}"
-            raise InputError(f"{out}: {words}; use another --out, or start over with --restart")
+        before = files.get(video.name) or video.path
+        if are_different(before, video.path):
+            raise OtherRunError(f"{out}: holds frames of {before}, which has the name of {video.path}; {START_OVER}")
 
 
 def records_in_order(results: Path) -> Iterator[ResultRecord]:

@@ -77,7 +77,7 @@ class ClipRun:
 
     @cached_property
     def digest(self) -> str:
-        """Twelve hexadecimal digits over everything that the answers depend on beside the clips."""
+        """Twelve hexadecimal digits over everything that the records depend on beside the clips."""
         known = self.known and [
             (t.name, t.size, t.log_focal, t.mean.tolist(), t.covariance.tolist()) for t in self.known.tripods
         ]
@@ -89,6 +89,7 @@ class ClipRun:
         told += [named] if named else []
         span = self.sampling.start_s, self.sampling.end_s
         told += [span] if span != (0.0, None) else []
+        told += ["full"] if self.full else []
         return hashlib.sha256(json.dumps(told).encode()).hexdigest()[:12]
 
     def form(self, video: Video) -> RecordForm:

@@ -110,6 +110,23 @@ def test_other_inputs_for_all_frames_are_another_run(run_circlecal, in_this_proc
     assert FrameRun(Config(), mask=masks).digest != masked
 
 
+def test_another_picture_of_one_name_is_told(run_circlecal, in_this_process, frame_file, tmp_path):
+    for folder, step in (("first", 1), ("copy", 1), ("second", 2)):
+        (tmp_path / folder).mkdir()
+        cv2.imwrite(str(tmp_path / folder / "x.png"), cv2.imread(str(frame_file))[::step, ::step])
+    command = "batch", "--out", tmp_path / "out", "--workers", 1
+    assert run_circlecal(*command, tmp_path / "first" / "x.png").code == 0
+    outcome = run_circlecal(*command, tmp_path / "copy" / "x.png")
+    assert outcome.code == 0 and "1 from before" in outcome.err
+    outcome = run_circlecal(*command, tmp_path / "second" / "x.png")
+    assert outcome.code == 2
+    told = (
+        f"holds the result of {tmp_path / 'first' / 'x.png'}, which has the name of {tmp_path / 'second' / 'x.png'}; "
+    )
+    assert f"{told}use another --out" in outcome.err
+    assert run_circlecal(*command, tmp_path / "second" / "x.png", "--restart").code in (0, 1)
+
+
 def test_annotations_and_outside_formats_as_calibrate_writes_them(run_circlecal, in_this_process, frame_file, tmp_path):
     one, many, targets = tmp_path / "one", tmp_path / "many", ["soccernet", "labelme", "coco", "broadtrack", "pnlcalib"]
     options = [argument for name in targets for argument in ("--to", name)]

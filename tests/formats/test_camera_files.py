@@ -175,3 +175,14 @@ def test_a_homography_is_the_nearest_to_the_lens_in_every_way_to_it(calibrated, 
         told = json.loads(tvcalib.write([frame.reduce("camera", size)]))["homography"]
         factor = (1.0, 1.0) if size is None else ((size[0] - 1) / 959, (size[1] - 1) / 539)
         np.testing.assert_allclose(seen_by(np.linalg.inv(told), POINTS), seen_by(wanted, POINTS) * factor, atol=1e-6)
+
+
+def test_a_homography_of_a_picture_of_another_shape_is_stretched_back(frame_camera):
+    stored = resize_camera(frame_camera, (960, 720))
+    path = Path("a.homographyMatrix")
+    content = worldcup.matrix_bytes(stored.homography, (960, 720))
+    (frame,) = worldcup.FORMAT.read(path, content, (960, 720))
+    assert (frame.width, frame.height) == (960, 720)
+    np.testing.assert_allclose(seen_by(frame.H_image_field, POINTS), seen_by(stored.homography, POINTS), atol=1e-6)
+    (frame,) = worldcup.FORMAT.read(path, content, None)
+    assert (frame.width, frame.height) == (1280, 720)

@@ -122,6 +122,25 @@ def test_images_are_numbered_through_refused_frames(tmp_path, seen, soccer):
     assert [frame.id for frame in gamestate_camera.read(path, path.read_bytes(), None)] == ["clip_0", "clip_2"]
 
 
+def test_what_a_run_wrote_of_a_frame_is_gone_when_it_is_refused(tmp_path, seen, soccer):
+    circle = soccer.circle_by_name["centre_circle"]
+    observed = observe(seen, soccer, SourcesConfig(), "labelme", "view").observations
+    config = load_config(None, ["verdict.max_sigma_px=1000", "verdict.max_mean_sigma_px=1000"])
+    record = result_record(run_observations(observed, config, frame_id="view"), soccer)
+    result = tmp_path / "view.json"
+    result.write_text("{}")
+    names = ("soccernet", "worldcup", "labelme", "pnlcalib")
+    for status in ("calibrated", "refused"):
+        exports = Exports(names, tmp_path)
+        exports.add(record.model_copy(update={"status": status}), soccer, circle, "view.jpg")
+        exports.finish()
+        left = {path.name for path in tmp_path.iterdir()}
+        gone = {"camera_view.json", "view.homographyMatrix", "view.pnlcalib.json"}
+        assert left & gone == (gone if status == "calibrated" else set())
+        assert {"view.json", "view.labelme.json"} <= left
+    assert result.read_text() == "{}"
+
+
 def test_a_camera_without_its_image_is_told(tmp_path):
     path = tmp_path / "Labels-GameState.json"
     content = {"images": [], "annotations": [{"image_id": "1", "supercategory": "camera", "parameters": {}}]}

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from circlecal.geometry.ellipses import Ellipse, conic_from_ellipse
-from circlecal.paint.centre_mark import SeenMark, find_centre_mark
+from circlecal.paint.centre_mark import SeenMark, _Rectified, _response, find_centre_mark
 
 MIDDLE = np.array([200.0, 150.0])
 AXES_PX = np.array([180.0, 90.0])
@@ -123,3 +123,23 @@ def test_no_mark_is_told_that_is_brighter_than_the_line_on_it(paint, is_found):
     worn = picture[y - 20 : y + 21, x - 3 : x + 4]
     worn[:] = 90.0 + paint / 60.0 * (worn - 90.0)
     assert (find(picture) is not None) is is_found
+
+
+def test_a_disc_too_small_to_reach_beyond_its_line_has_no_response():
+    """Nothing is divided by nothing."""
+    rows, across = 40, np.arange(-30.25, 30.0, 0.5)
+    values, zeros = np.full((rows, len(across)), 90.0, np.float32), np.zeros(rows)
+    seen = _Rectified(
+        values=values,
+        usual=values[0],
+        in_view=np.ones((2, rows), np.bool_),
+        position=zeros,
+        across=across,
+        base=np.zeros((rows, 2)),
+        length=30.0,
+        half_px=(0.5, 0.06),
+        halves_px=np.zeros((rows, 2)),
+    )
+    with np.errstate(all="raise"):
+        response = _response(seen, 1.0, 0.0, 1.0)
+    assert not response.contrast.any() and not response.is_whole.any()

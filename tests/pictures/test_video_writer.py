@@ -61,3 +61,10 @@ def test_after_an_error_there_is_no_file(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(InputError, match="cannot be written"), write_video(tmp_path / "file" / "x.mp4", 25.0):
         pass
+
+
+def test_pixels_that_are_not_square_stay_so(tmp_path):
+    for name, aspect in (("wide", 4 / 3), ("square", None)):
+        with write_video(tmp_path / f"{name}.mp4", 25.0, aspect) as writer:
+            writer.write(numbered_picture(0), 0.0)
+        assert Video.open(tmp_path / f"{name}.mp4", name).aspect == (None if aspect is None else pytest.approx(aspect))

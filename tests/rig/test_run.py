@@ -19,7 +19,8 @@ from circlecal.observations import Observations
 from circlecal.pipeline import run_observations
 from circlecal.records.camera_prior import prior_settings
 from circlecal.records.json_text import result_line
-from circlecal.records.log import read_records
+from circlecal.records.log import OtherRunError, read_records
+from circlecal.records.parts import TrackRecord
 from circlecal.records.writing import failure_record, result_record
 from circlecal.results import Verdict
 from circlecal.rig import run as rig_run
@@ -255,6 +256,26 @@ def test_a_rig_goes_on_where_it_was_stopped(records, again, tmp_path):
     assert sorted(ids) == sorted(r.id for r in records)
     with pytest.raises(InputError, match="choose another --out"):
         run_rig(tmp_path, CONFIG, tmp_path)
+
+
+def test_a_folder_of_another_run_stays_as_it_is(records, again, tmp_path):
+    out = shutil.copytree(again[0].parent, tmp_path, dirs_exist_ok=True) / "out"
+    files = "camera-1.yaml", "venue.yaml", "results.jsonl"
+    before = {name: (out / name).read_bytes() for name in files}
+    other = CONFIG.model_copy(update={"seed": 7})
+    with pytest.raises(OtherRunError):
+        run_rig(tmp_path, other, out)
+    assert {name: (out / name).read_bytes() for name in files} == before
+    (out / "camera-9.yaml").write_text("of a run before")
+    run_rig(tmp_path, other, out, restart=True)
+    assert (out / "camera-1.yaml").is_file() and not (out / "camera-9.yaml").exists()
+
+
+def test_a_track_shares_its_camera_already(records, tmp_path):
+    tracked = records[0].model_copy(update={"track": TrackRecord(frame=0, shot=0)})
+    (tmp_path / "results.jsonl").write_text(result_line(tracked) + "\n")
+    with pytest.raises(InputError, match=r"0 is of circlecal track, .* its venue\.yaml has that camera"):
+        run_rig(tmp_path, CONFIG, tmp_path / "out")
 
 
 def test_batch_does_both_passes(run_circlecal, frame_image, tmp_path):

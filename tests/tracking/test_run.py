@@ -184,6 +184,13 @@ def test_another_part_of_a_clip_is_another_run(tmp_path, engine):
             run_track([video], clip_run(**span), tmp_path / "out")
 
 
+def test_whole_records_are_another_run(tmp_path, engine):
+    video = open_clip(tmp_path, frames=12)
+    run_track([video], clip_run(), tmp_path / "out")
+    with pytest.raises(OtherRunError):
+        run_track([video], replace(clip_run(), full=True), tmp_path / "out")
+
+
 def test_clips_tracked_one_after_the_other_into_one_folder_have_venues_of_their_own(tmp_path, engine):
     asked = []
     for name in ("first", "second", "first"):
