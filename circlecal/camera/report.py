@@ -6,6 +6,7 @@ import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from circlecal.camera.covariance import (
     correlation_factor,
@@ -44,13 +45,16 @@ MOST_CLICKS = 40
 REACH_RADII = 2.5
 """How far from the circle's centre, or from what is seen instead, the field counts for the largest predicted error."""
 
+POINTS_PER_RADIUS = 9.15
+"""Field points on the radius of the circle, at which errors are predicted: on a soccer pitch one each metre."""
+
 STRAY_SHARE, STRAY_MEDIANS = 0.03, 7.5
 """Largest share of a marking's points that the rms of its bulk leaves out, and how many times the median distance of
 all of them those lie off: points that were measured on a player's foot instead of the paint. Between 2 and 6 of 200
 points did so in four rendered robots' fields; of points on paint, whose scatter is normal, one in two million does.
 """
 FEWEST_POINTS = 20
-"""Field points in view, square metres, below which four of them lie too close together to tell a homography."""
+"""Field points in view below which four of them lie too close together to tell a homography."""
 MOVING = [INDEX[k] for k in ("log_focal", "pan", "tilt", "roll", "x", "y", "z", "pp_x", "pp_y", "log_aspect")]
 """Parameters that move the homography of the tangent plane, with undistorted pixels."""
 
@@ -198,7 +202,7 @@ def _tell_spread(
     vectors = homography_vectors(cameras)
     centers = imaged_points(cameras, np.asarray(circle.center)[None])[:, 0]
     surface = replace(model.surface, crown_m=float(theta[INDEX["crown"]]))
-    grid = FieldView(camera, surface).visible_field(template, reference_m, REACH_RADII * circle.radius_m)
+    grid = field_about(FieldView(camera, surface), template, circle, reference_m)
     seen = project(theta[None], grid[None], model)
     turn = count_from_seen(by_growth)
     sigma_px, sigma_m = seen.sigma(turn @ covariance @ turn.T)
@@ -214,6 +218,11 @@ def _tell_spread(
         derive_points(cameras, camera, circle),
         homography_region(cameras, grid, covariance),
     )
+
+
+def field_about(view: FieldView, template: FieldTemplate, circle: Circle, center_m: ArrayLike) -> Array:
+    """Field points (N, 2) in view, within some radii of the circle from one (2,), at which errors are predicted."""
+    return view.visible_field(template, center_m, REACH_RADII * circle.radius_m, circle.radius_m / POINTS_PER_RADIUS)
 
 
 def homography_region(cameras: Array, grid_m: Array, covariance: Array) -> HomographyRegion | None:

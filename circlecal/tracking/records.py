@@ -10,7 +10,7 @@ from pydantic_core import to_json
 
 from circlecal import __version__
 from circlecal.camera.covariance import homography_vectors, imaged_points, push_forward, spread_cameras
-from circlecal.camera.report import REACH_RADII, derive_points, homography_region
+from circlecal.camera.report import derive_points, field_about, homography_region
 from circlecal.field import Circle, FieldTemplate
 from circlecal.field.view import FieldView
 from circlecal.geometry.camera import Camera
@@ -226,7 +226,7 @@ def _details(view: FieldView, form: RecordForm) -> dict[str, Any]:
     cameras = homographies(np.concatenate([theta[None], spread_cameras(theta, view.covariance, center)]), model)
     vectors, centers = homography_vectors(cameras), imaged_points(cameras, center[None])[:, 0]
     turned = view.camera.turn_field()
-    grid = view.visible_field(form.template, center, REACH_RADII * form.circle.radius_m)
+    grid = field_about(view, form.template, form.circle, center)
     return {
         "region": homography_region(cameras, grid, view.covariance),
         "H_covariance": push_forward(vectors[0], vectors[1:]),
