@@ -21,6 +21,7 @@ from circlecal.detection.options import FieldRegionConfig
 from circlecal.detection.paints import find_paints
 from circlecal.errors import EstimationError
 from circlecal.field import FieldTemplate, Ground
+from circlecal.geometry.conics import sampson_distance
 from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.projective import Array, Mask, fit_line, line_distance
 from circlecal.geometry.ransac import ransac_conic
@@ -54,6 +55,21 @@ FEWEST_ON_MIDDLE, MIDDLE_SUPPORT = 20, 0.25
 """Points on it at least, and in small half axes (in pixels): the chord is two of them long where it runs along the
 view.
 """
+DRAWN_PX, DRAWN_NOISE = 4.0, 3.0
+"""Width of a mask's markings when they are drawn, pixels at 1920 px width, and the noise of that drawing."""
+DRAWN_PAINT_BGR, DRAWN_TURF_BGR = (235.0, 235.0, 235.0), (70.0, 130.0, 75.0)
+LEAST_DRAWN_SCORE = 0.6
+"""Of an ellipse in a drawing of all markings: the circles of eight samples have 0.94 to 0.99."""
+BESIDE_MARKED_PX, ELLIPSE_PLACES = 6.0, 180
+"""How far beside a mask's markings a circle of the picture may run, pixels at 1920 px width, and places on it that are
+looked at.
+"""
+MOST_LINES_BESIDE = 2
+"""Straight markings in a drawing of a mask beside a circle that is not painted nearly throughout: of more lines, two
+make a thin ellipse.
+"""
+ONE_ELLIPSE_SHARE = 0.25
+"""Of the small half axis, by which a mask's circle and the picture's may differ: masks of networks are coarse."""
 GREEN_HUE_DEG, LEAST_CHROMA = (100.0, 155.0), 10.0
 """Hue in the a-b plane of CIE Lab, degrees, and least distance from gray, of turf and green carpet: 55 real pictures of
 them have 116 to 134 degrees and 20 to 67; ice and light halls stay below 6, wood and painted floors have other hues.
@@ -144,12 +160,65 @@ def find_marking(
         The network is missing or unusable.
     """
     if config.source == "onnx":
-        return marking_from_classes(segment(image, config.model, config.network, MODEL_KEY), config, rng, "network")
+        classes = segment(image, config.model, config.network, MODEL_KEY)
+        return _look_beyond_mask(image, *marking_from_classes(classes, config, rng, "network"), config, rng, gray)
     if given is None and config.source == "file":
         return MarkingMask(np.zeros(image.shape[:2], dtype=np.uint8), "file"), refuse("mask", "no_mask")
     if given is None or config.source == "detector":
         return marking_from_detection(detect(image, config.detector, rng, gray, ruled_out, first_look))
-    return marking_from_classes(given, config, rng)
+    return _look_beyond_mask(image, *marking_from_classes(given, config, rng), config, rng, gray)
+
+
+def _look_beyond_mask(
+    image: NDArray[np.uint8],
+    marking: MarkingMask,
+    refusal: EstimationError | None,
+    config: MaskConfig,
+    rng: np.random.Generator,
+    gray: NDArray[np.uint8] | None,
+) -> tuple[MarkingMask, EstimationError | None]:
+    """A mask's marking with what the picture shows of lines, where the mask has nothing but a circle, or lines and no
+    circle: a circle alone leaves open how it is turned, and lines of a mask have no names.
+    """
+    if (marking.halfway is not None or marking.lines) if refusal is None else not marking.classes.any():
+        return marking, refusal
+    seen, nothing_seen = marking_from_detection(detect(image, config.detector, rng, gray))
+    if refusal is not None:
+        is_shown = nothing_seen is None and seen.conic is not None and _is_binary(marking.classes)
+        if is_shown and seen.conic is not None and _is_marked(seen.conic, marking.classes):
+            return seen, None
+        shown = seen.lines if seen.halfway is None else (*seen.lines, seen.halfway)
+        return replace(seen, conic=None, halfway=None, lines=shown, arcs=(), candidates=()), refusal
+    if marking.conic is None or seen.conic is None or not _is_one_ellipse(marking.conic, seen.conic):
+        return marking, None
+    return replace(marking, halfway=seen.halfway, lines=seen.lines), None
+
+
+def _is_marked(conic: Array, classes: NDArray[np.uint8]) -> bool:
+    """Whether most of an ellipse, as far as it is in view, runs along what is marked in a mask (H, W)."""
+    ellipse = ellipse_from_conic(conic)
+    if ellipse is None:
+        return False
+    height, width = classes.shape
+    side = 2 * round(BESIDE_MARKED_PX * width / 1920.0) + 1
+    wide = cv2.dilate((classes > 0).astype(np.uint8), np.ones((side, side), np.uint8)) > 0
+    column, row = np.round(ellipse.points(np.linspace(0.0, 2 * np.pi, ELLIPSE_PLACES, endpoint=False))).astype(int).T
+    inside = (column >= 0) & (row >= 0) & (column < width) & (row < height)
+    return bool(inside.any() and wide[row[inside], column[inside]].mean() > max(0.5, 2.0 * wide.mean()))
+
+
+def _is_binary(classes: NDArray[np.uint8]) -> bool:
+    """Whether a mask says where markings are, and not which ones."""
+    return not np.any((classes != 0) & (classes != CIRCLE_ID))
+
+
+def _is_one_ellipse(first: Array, second: Array) -> bool:
+    """Whether two conics are nearly one ellipse: their middles and half axes differ by little of the small one."""
+    one, other = ellipse_from_conic(first), ellipse_from_conic(second)
+    if one is None or other is None:
+        return False
+    apart = [np.abs(one.center - other.center).max(), np.abs(np.subtract(one.semi_axes, other.semi_axes)).max()]
+    return bool(max(apart) < ONE_ELLIPSE_SHARE * one.semi_axes[1])
 
 
 def look_quickly(
@@ -299,30 +368,69 @@ def marking_from_classes(
     """
     unit = classes.shape[1] / 1920.0
     points = _skeleton_points(classes == CIRCLE_ID)
-    robust = ransac_conic(
-        points,
-        config.threshold_px * unit,
-        rng,
-        hypotheses=HYPOTHESES,
-        method="taubin",
-        confidence=HYPOTHESES_CONFIDENCE,
-    )
-    ellipse = None if robust is None else ellipse_from_conic(robust.conic)
+    threshold_px = config.threshold_px * unit
+    conic, straight = None, np.zeros((0, 2, 2))
+    if len(points) > 0 and _is_binary(classes):
+        conic, straight = _find_circle_among_lines(classes > 0, config.detector, rng)
+    if conic is None:
+        conic = _fit_circle(points, threshold_px, rng)
+        beside = conic is not None and np.abs(sampson_distance(conic, straight.mean(axis=1))) > threshold_px
+        conic = None if np.count_nonzero(beside) > MOST_LINES_BESIDE else conic
+    ellipse = None if conic is None else ellipse_from_conic(conic)
     marking = MarkingMask(classes, source)
-    # an ellipse as thin as the threshold is a straight line with two sides
-    is_flat = ellipse is None or ellipse.semi_axes[1] < 2 * config.threshold_px * unit
-    if robust is None or ellipse is None or is_flat or not _has_enough(robust.inliers):
+    if conic is None or ellipse is None:
         return marking, refuse("mask", "no_circle_found", "the mask holds no ellipse of the circle's class (id 7)")
     halfway = _fit_segment(_skeleton_points(classes == HALFWAY_ID), unit)
     if halfway is None:
-        halfway = _find_line_through_middle(points[~robust.inliers], ellipse.center, ellipse.semi_axes[1], unit, rng)
+        beside = points[np.abs(sampson_distance(conic, points)) > threshold_px]
+        halfway = _find_line_through_middle(beside, ellipse.center, ellipse.semi_axes[1], unit, rng)
     others = [
         _fit_segment(_skeleton_points(classes == label), unit)
         for label in np.unique(classes)
         if label not in (0, HALFWAY_ID, *CURVED_IDS)
     ]
     lines = tuple(line for line in others if line is not None)
-    return MarkingMask(classes, source, robust.conic, halfway, lines), None
+    return MarkingMask(classes, source, conic, halfway, lines), None
+
+
+def _fit_circle(points: Array, threshold_px: float, rng: np.random.Generator) -> Array | None:
+    """The ellipse (3, 3) on which most of the circle's points (N, 2) lie, None where these are too few."""
+    robust = ransac_conic(
+        points, threshold_px, rng, hypotheses=HYPOTHESES, method="taubin", confidence=HYPOTHESES_CONFIDENCE
+    )
+    ellipse = None if robust is None else ellipse_from_conic(robust.conic)
+    # an ellipse as thin as the threshold is a straight line with two sides
+    if robust is None or ellipse is None or ellipse.semi_axes[1] < 2 * threshold_px or not _has_enough(robust.inliers):
+        return None
+    return robust.conic
+
+
+def _find_circle_among_lines(
+    marked: Mask, config: DetectorConfig, rng: np.random.Generator
+) -> tuple[Array | None, Array]:
+    """The circle (3, 3) in a mask (H, W) of all markings, None where none of its ellipses is believed or painted nearly
+    throughout, and the ends (K, 2, 2) of straight markings: the built-in detector tells them apart, when they are drawn
+    thin on turf, with some noise to find its thresholds by.
+    """
+    from skimage.morphology import skeletonize
+
+    unit = marked.shape[1] / 1920.0
+    side = 2 * round(DRAWN_PX * unit / 2.0) + 1
+    thin = cv2.dilate(skeletonize(marked).astype(np.uint8), np.ones((side, side), np.uint8)) > 0
+    sharp = np.where(thin[..., None], DRAWN_PAINT_BGR, DRAWN_TURF_BGR)
+    picture = cv2.GaussianBlur(sharp, (0, 0), 1.0) + rng.normal(0.0, DRAWN_NOISE, sharp.shape)
+    drawn = config.model_copy(
+        update={
+            "marking": "light",
+            "one_paint": True,
+            "field_region": config.field_region.model_copy(update={"light": False}),
+        }
+    )
+    found = detect(np.clip(picture, 0, 255).astype(np.uint8), drawn, rng)
+    best = found.circle or (found.candidates[0] if found.candidates else None)
+    is_circle = best is not None and (found.circle is not None or best.score >= LEAST_DRAWN_SCORE)
+    straight = np.array([(line.start, line.end) for line in found.lines]).reshape(-1, 2, 2)
+    return best.conic if best is not None and is_circle else None, straight
 
 
 def _has_enough(inliers: NDArray[np.bool_]) -> bool:

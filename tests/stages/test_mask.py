@@ -63,11 +63,43 @@ def test_the_halfway_line_inside_the_class_of_the_circle():
     check_halfway(marking)
 
 
-def test_the_circle_alone_has_no_halfway_line():
+def test_beside_a_circle_alone_the_picture_is_asked_for_its_line():
     marking, refusal = found_in(7 * thick(CIRCLE))
+    assert refusal is None and marking.source == "file"
+    check_circle(marking)
+    check_halfway(marking)
+    bare = paint(CAMERA, line=False, mark=False, noise=1.5).image
+    marking, refusal = found_in(7 * thick(CIRCLE), image=bare)
+    assert refusal is None and marking.halfway is None
+    # a circle elsewhere in the picture is none of the mask's
+    moved = np.roll(PAINTED.image, 150, axis=1)
+    marking, refusal = found_in(7 * thick(CIRCLE), image=moved)
+    assert refusal is None and marking.halfway is None
+    check_circle(marking)
+
+
+def test_the_circle_among_all_markings_of_a_binary_mask():
+    """Two straight lines make a thin ellipse on which more points lie than on the circle."""
+    lines = np.zeros(CIRCLE.shape, np.uint8)
+    for start, end in (
+        ((0, 90), (1279, 60)),
+        ((0, 112), (1279, 86)),
+        ((900, 300), (1279, 420)),
+        ((0, 640), (1279, 700)),
+    ):
+        cv2.line(lines, start, end, 1, 7)
+    marking, refusal = found_in(7 * (thick(CIRCLE) | thick(LINE) | (lines > 0)))
     assert refusal is None
     check_circle(marking)
-    assert marking.halfway is None
+    check_halfway(marking)
+
+
+def test_lines_of_a_mask_without_a_circle_are_looked_for_in_the_picture():
+    classes = np.where(thick(LINE), 18, 0)
+    marking, refusal = found_in(classes)
+    assert refusal.code == "no_circle_found"
+    # the picture's circle is not marked, and is none
+    assert marking.conic is None and len(marking.lines) > 0 and marking.source == "detector"
 
 
 def test_other_classes_are_further_lines():
