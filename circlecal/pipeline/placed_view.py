@@ -46,6 +46,10 @@ LARGEST_RESIDUAL_PX = 2.0
 """Root mean square distance of a marking from its place, pixels at 1920 px width, that few may exceed: of 15
 right cameras of other sports the second largest was 1.6 at most, of a court 2 m shorter than its template 3.2.
 """
+LEAST_LIMIT_PX = 1.0
+"""The least such distance, pixels of the picture: in smaller ones paint is measured no better. A robot's camera of 640
+px width was refused for two lines 0.68 and 0.76 px beside their places.
+"""
 ROUND = 72
 """Places round a circle at which a camera's circle is compared with the one that was seen, from which it may lie as far
 as a marking: of a school yard that was taken for a longer court it lay 5.6 px beside it, pixels at 1920 px width, of a
@@ -241,7 +245,7 @@ def _is_of_this_size(setting: Setting, attempt: Attempt) -> bool:
     camera = attempt.camera
     if camera is None:
         return True
-    limit_px = LARGEST_RESIDUAL_PX * setting.width / 1920.0
+    limit_px = max(LARGEST_RESIDUAL_PX * setting.width / 1920.0, LEAST_LIMIT_PX)
     off = sum(rms > _allow_painters(camera, key, limit_px) for key, rms in camera.residuals_px.items())
     return off <= max(1, len(camera.residuals_px) // STRAY_AMONG)
 
@@ -297,8 +301,12 @@ def lies_on_surface(setting: Setting, attempt: Attempt) -> bool:
 
 
 def _is_fuller(setting: Setting, attempt: Attempt, fuller: Attempt) -> bool:
-    """Whether more markings agree with a surer camera, which stays within what the first one said of itself."""
-    if attempt.camera is None or fuller.camera is None or not is_less_uncertain(setting, attempt, fuller):
+    """Whether more markings agree with a camera that is surer than one that was accepted, and that stays within what
+    the first one said of itself.
+    """
+    if attempt.camera is None or fuller.camera is None or not fuller.is_calibrated:
+        return False
+    if attempt.is_calibrated and not is_less_uncertain(setting, attempt, fuller):
         return False
     moved = mean_distance_px(attempt.camera.view, fuller.camera.view, setting.template)
     more = len(fuller.camera.residuals_px) - len(attempt.camera.residuals_px)
