@@ -18,6 +18,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, get_args
 
+import numpy as np
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
@@ -320,6 +321,8 @@ def _apply_override(content: dict[str, Any], override: str | tuple[str, Any]) ->
         told, value = f"--set {override}", _parse_yaml(text, f"--set {override}") if equals else None
     else:
         key, value = override
+        if isinstance(value, np.ndarray | np.generic):
+            value = value.tolist()
         equals, told = "=", f"set {key}={_kind(value) if isinstance(value, list | dict) else value}"
     parts = key.strip().split(".")
     if not equals or not all(parts):

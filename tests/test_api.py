@@ -77,8 +77,9 @@ def test_arrays_that_are_no_pictures(image, part):
 
 
 def test_masks_that_are_none(frame_image):
-    with pytest.raises(InputError, match="all black"):
-        circlecal.calibrate(frame_image, mask=np.zeros((540, 960), np.uint8))
+    for kind in (np.uint8, np.bool_):
+        empty = circlecal.calibrate(frame_image, mask=np.zeros((540, 960), kind))
+        assert empty.code == "no_circle_found" and "all black" in empty.reason
     with pytest.raises(InputError, match="no such file"):
         circlecal.calibrate(frame_image, mask="none.png")
     with pytest.raises(InputError, match="float32"):

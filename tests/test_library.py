@@ -183,6 +183,25 @@ def test_a_map_of_other_units_and_origin(good):
     assert good.transformer().transform_points(np.empty((0, 2))).shape == (0, 2)
 
 
+def test_pictures_of_16_bit_and_gray_are_at_hand_while_somebody_holds_them(frame_image):
+    deep, gray = frame_image.astype(np.uint16) * 257, frame_image[:, :, 1].copy()
+    for held in (deep, deep.astype(">u2"), gray):
+        frame = circlecal.calibrate(held)
+        assert frame.ok and frame.image.dtype == np.uint8 and frame.image.shape == (540, 960, 3)
+        assert frame.overlay().shape == (540, 960, 3) and frame.top_view() is not None
+
+
+def test_options_may_be_arrays_and_numbers_of_numpy(frame_image):
+    settings = {"camera.position_m": np.array([0.0, 66.0, -15.0]), "camera.position_sd_m": np.full(3, 9.0, np.float32)}
+    assert circlecal.calibrate(frame_image, set={**settings, "seed": np.int64(3)}).ok
+
+
+@pytest.mark.parametrize("given", [{"size": (np.nan, 480)}, {"size": (np.inf, 480)}, {"sigma_px": np.ones(3)}])
+def test_sizes_and_sigmas_that_are_none(given):
+    with pytest.raises(InputError):
+        circlecal.calibrate_points(**{"size": (640, 480), "circle": np.zeros((8, 2)), **given})
+
+
 # --- refused frames
 
 

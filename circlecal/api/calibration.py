@@ -61,7 +61,7 @@ class Calibration:
         template: FieldTemplate | None = None,
         *,
         found: results.FrameCalibration | None = None,
-        image: Picture | None = None,
+        image: NDArray[Any] | None = None,
     ) -> None:
         """Wrap the content of a result file.
 
@@ -73,8 +73,8 @@ class Calibration:
             The field, where it is none of those that come with circlecal.
         found : circlecal.results.FrameCalibration, optional
             Every intermediate; what the record says of them when None.
-        image : (H, W, 3) uint8, optional
-            The picture, which is remembered as long as somebody else holds it.
+        image : array, optional
+            The picture as for :func:`circlecal.calibrate`, which is remembered as long as somebody else holds it.
         """
         self._record = record
         self._given_template = template
@@ -226,8 +226,15 @@ class Calibration:
         size : (float, float), optional
             Length and width of the map that they draw on, its origin in the top-left corner, in the units of the map;
             metres from the centre mark when None.
+
+        Raises
+        ------
+        ValueError
+            The map has no length or no width.
+        ConfigError
+            As for :attr:`field`, where a size is given.
         """
-        return ViewTransformer(self.view, self.field, size)
+        return ViewTransformer(self.view, None if size is None else self.field, size)
 
     @property
     def view(self) -> FieldView | None:
@@ -332,10 +339,14 @@ class Calibration:
 
     @property
     def image(self) -> Picture | None:
-        """The picture (H, W, 3), BGR: what was given while somebody holds it, otherwise read from its file again."""
+        """The picture (H, W, 3), BGR of 8 bit: what was given while somebody holds it, or read from its file again.
+
+        An array whose content changes afterwards, as that of a camera that writes each frame into one buffer, shows its
+        new content.
+        """
         held = None if self._image is None else self._image()
         if held is not None or self.source is None:
-            return held
+            return None if held is None else as_bgr(held, "image")
         try:
             if self.time_s is not None:
                 return next(pictures_at(Path(self.source), [self.time_s]))
@@ -362,6 +373,8 @@ class Calibration:
         ------
         InputError
             There is no picture, or one of another size.
+        ConfigError
+            As for :attr:`field`.
         """
         return overlay.draw_overlay(self._picture(image), self.found, self.field)
 
@@ -384,6 +397,8 @@ class Calibration:
         ------
         InputError
             There is no picture, or one of another size.
+        ConfigError
+            As for :attr:`field`.
         """
         return overlay.draw_radar(self._picture(image), self.found, self.field, px_per_m) if self.ok else None
 
@@ -444,6 +459,8 @@ class Calibration:
         ------
         InputError
             An unknown format, or a file that cannot be written.
+        ConfigError
+            As for :attr:`field`.
         """
         require_format(format, calibration_formats(), "format", "format that can be written")
         exports = Exports([format], Path(folder), size)

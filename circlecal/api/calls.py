@@ -107,7 +107,7 @@ def calibrate(
         classes = read_mask(Path(mask), width, height)
     found = calibrate_picture(picture, chosen, mask=classes, given=given, frame_id=name, source=source)
     template = found.template or template
-    held = image if isinstance(image, np.ndarray) and image.shape == picture.shape else None
+    held = image if isinstance(image, np.ndarray) else None
     return Calibration(result_record(found, template), template, found=found, image=held)
 
 
@@ -383,10 +383,10 @@ def observe_points(
     InputError
         A name that the field does not have, something that is no point, or a picture without a width or height.
     """
-    if len(size) != 2 or min(size) < 1 or any(side != int(side) for side in size):
+    if len(size) != 2 or not np.isfinite(size).all() or min(size) < 1 or any(side != int(side) for side in size):
         raise InputError(f"size must be the width and height of the picture in pixels, not {size}")
     width, height = map(int, size)
-    if sigma_px is not None and not 0.0 < sigma_px < np.inf:
+    if sigma_px is not None and not (np.ndim(sigma_px) == 0 and 0.0 < sigma_px < np.inf):
         raise InputError(f"sigma_px must be a standard deviation in pixels above 0, not {sigma_px}")
     sigma = CLICKED_SIGMA_PX * width / REFERENCE_WIDTH_PX if sigma_px is None else sigma_px
     shapes, keypoints = [], []

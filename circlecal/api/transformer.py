@@ -19,8 +19,8 @@ class ViewTransformer:
     ----------
     view : FieldView or None
         The field before the camera; without one every answer is nan.
-    template : FieldTemplate
-        The field.
+    template : FieldTemplate or None
+        The field, of which a map with a size is one.
     size : (float, float), optional
         Length and width of the map, both positive, such as ``(12000, 7000)``; its origin is the corner of the field
         that the main camera sees top left, and the field, as long and broad as it was estimated, is stretched to it.
@@ -33,14 +33,15 @@ class ViewTransformer:
     """
 
     def __init__(
-        self, view: FieldView | None, template: FieldTemplate, size: tuple[float, float] | None = None
+        self, view: FieldView | None, template: FieldTemplate | None, size: tuple[float, float] | None = None
     ) -> None:
         if size is not None and not (np.asarray(size).shape == (2,) and np.all(np.asarray(size) > 0)):
             raise ValueError(f"size must be the length and width of a map, both positive, not {size}")
         self._view = view
-        own = np.array([template.length_m, template.width_m]) + (0.0 if view is None else view.growth_m)
-        self._scale = np.ones(2) if size is None else np.asarray(size, dtype=np.float64) / own
-        self._origin_m = np.zeros(2) if size is None else -own / 2.0
+        self._scale, self._origin_m = np.ones(2), np.zeros(2)
+        if size is not None and template is not None:
+            own = np.array([template.length_m, template.width_m]) + (0.0 if view is None else view.growth_m)
+            self._scale, self._origin_m = np.asarray(size, dtype=np.float64) / own, -own / 2.0
 
     def transform_points(self, points: ArrayLike) -> Array:
         """Places (N, 2) on the map of what is seen at pixels (N, 2); nan where that is no point of the field.

@@ -234,6 +234,33 @@ class FieldTemplate(BaseModel):
             raise ValueError(f"halfway_line {self.halfway_line!r} is not among the lines")
         return self
 
+    @model_validator(mode="after")
+    def _sound(self) -> FieldTemplate:
+        for arc in self.arcs:
+            if not 0.0 < arc.end_deg - arc.start_deg <= 360.0:
+                raise ValueError(f"arc {arc.name!r}: end_deg must be larger than start_deg, by 360 at most")
+        for line in self.lines:
+            if np.allclose(line.start, line.end, rtol=0.0, atol=AT_MIDDLE_M):
+                raise ValueError(f"line {line.name!r}: start and end are one point")
+            if max(map(abs, line.paint)) > 1:
+                raise ValueError(f"line {line.name!r}: paint tells a direction, such as [0, 1]")
+        for name, extent in zip(("length", "width"), self.extents, strict=True):
+            if extent.range_m is not None and not extent.range_m[0] <= extent.range_m[1]:
+                raise ValueError(f"{name}_range_m {list(extent.range_m)}: the smallest comes first")
+        self._require_halfway_through_circle()
+        return self
+
+    def _require_halfway_through_circle(self) -> None:
+        centers = {c.name: c.center for c in (*self.circles, *self.arcs)}
+        if self.halfway_line is None or self.default_circle not in centers:
+            return
+        line = next(line for line in self.lines if line.name == self.halfway_line)
+        along, toward = np.subtract(line.end, line.start), np.subtract(centers[self.default_circle], line.start)
+        away_m = abs(along[0] * toward[1] - along[1] * toward[0]) / np.linalg.norm(along)
+        if away_m > self.marking_width_m:
+            middle = f"the middle of {self.default_circle!r}"
+            raise ValueError(f"halfway_line {self.halfway_line!r} runs {away_m:.2g} m beside {middle}")
+
     @property
     def sport_name(self) -> str:
         """The sport; a template that names none is one of its own."""

@@ -291,8 +291,8 @@ def as_bgr(image: NDArray[Any], name: str) -> NDArray[np.uint8]:
         raise InputError(
             f"{name}: has only {image.shape[1]} x {image.shape[0]} pixels; at least {MIN_SIDE} on each side are needed"
         )
-    if image.dtype == np.uint16:
-        image = _scale_to_8_bit(image)
+    if image.dtype.kind == "u" and image.dtype.itemsize == 2:
+        image = _scale_to_8_bit(image.astype(np.uint16, copy=False))
     if image.dtype != np.uint8:
         raise InputError(f"{name}: has {image.dtype} values; convert it to 8 or 16 bit")
     channels = image[:, :, :3] if image.shape[2] >= 3 else np.repeat(image, 3, axis=2)

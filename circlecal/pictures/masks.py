@@ -108,7 +108,7 @@ def read_mask(path: Path, width: int, height: int, limits: LimitsConfig = DEFAUL
     Raises
     ------
     InputError
-        No picture, all black, all white, or values that are no mask's; one line that says what was found.
+        No picture, all white, or values that are no mask's; one line that says what was found.
     """
     stored = decode(path, read_picture_bytes(path, _MIN_SIDE, limits), cv2.IMREAD_UNCHANGED)
     return as_class_ids(stored, width, height, str(path))
@@ -147,8 +147,8 @@ def _from_one_channel(mask: NDArray[Any], name: str) -> NDArray[np.uint8]:
     if values[0] < 0:
         raise InputError(f"{name}: a mask holds no negative values, but {values[0]} was found")
     marked = values[values > 0]
-    if marked.size == 0:
-        raise InputError(f"{name}: is all black: nothing is marked in this mask")
+    if marked.size == 0:  # a network found nothing
+        return np.zeros(mask.shape, np.uint8)
     if marked.size == 1 and not 2 <= marked[0] <= CLASS_COUNT:
         return np.where(mask > 0, np.uint8(CIRCLE_ID), np.uint8(0))
     if marked[-1] <= CLASS_COUNT:
@@ -171,7 +171,7 @@ def _from_soft_mask(mask: NDArray[Any], values: NDArray[Any], name: str) -> NDAr
 
 def _from_colours(mask: NDArray[Any], name: str) -> NDArray[np.uint8]:
     if mask.dtype == np.uint16:
-        mask = (mask // 257).astype(np.uint8)
+        mask = (mask // (257 if mask.max(initial=0) > 255 else 1)).astype(np.uint8)
     if mask.dtype != np.uint8:
         raise InputError(f"{name}: a colour mask has 8 or 16 bit, not {mask.dtype}")
     colours = mask[:, :, :3]
@@ -187,8 +187,6 @@ def _from_colours(mask: NDArray[Any], name: str) -> NDArray[np.uint8]:
         return _from_one_channel(colours[:, :, 0], name)
     if not known:
         raise InputError(f"{name}: {_unknown_colours(found, counts, palette)}")
-    if found.tolist() == [0]:
-        raise InputError(f"{name}: is all black: nothing is marked in this mask")
     lookup = np.array([palette[int(key)] for key in found], dtype=np.uint8)
     return lookup[inverse.reshape(keys.shape)]
 

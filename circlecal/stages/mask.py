@@ -379,7 +379,9 @@ def marking_from_classes(
     ellipse = None if conic is None else ellipse_from_conic(conic)
     marking = MarkingMask(classes, source)
     if conic is None or ellipse is None:
-        return marking, refuse("mask", "no_circle_found", "the mask holds no ellipse of the circle's class (id 7)")
+        is_black = "the mask is all black: nothing is marked in it"
+        words = "the mask holds no ellipse of the circle's class (id 7)" if classes.any() else is_black
+        return marking, refuse("mask", "no_circle_found", words)
     halfway = _fit_segment(_skeleton_points(classes == HALFWAY_ID), unit)
     if halfway is None:
         beside = points[np.abs(sampson_distance(conic, points)) > threshold_px]

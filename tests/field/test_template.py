@@ -166,6 +166,14 @@ def test_what_is_wrong_with_a_template_is_said():
     spot, arc = _mapping()["marks"][0], _mapping()["arcs"][0]
     assert "marks.0.position.1: should be" in broken(marks=[{**spot, "position": [0, 1e9]}])
     assert "arcs.0.end_deg: should be" in broken(arcs=[{**arc, "end_deg": 1e9}])
+    backwards = {**arc, "start_deg": 30, "end_deg": -30}
+    assert "end_deg must be larger than start_deg" in broken(arcs=[backwards])
+    halfway = next(line for line in _mapping()["lines"] if line["name"] == "halfway_line")
+    assert "'halfway_line': start and end are one point" in broken(lines=[{**halfway, "end": halfway["start"]}])
+    assert "paint tells a direction" in broken(lines=[{**halfway, "paint": [0, 2]}])
+    beside = {**halfway, "start": [1, -34], "end": [1, 34]}
+    assert "'halfway_line' runs 1 m beside the middle of 'centre_circle'" in broken(lines=[beside])
+    assert "length_range_m [120.0, 90.0]: the smallest comes first" in broken(length_range_m=[120, 90])
     assert "sizes" in broken(sizes=[1, 2])
     for content in (None, [], "soccer", {}):
         with pytest.raises(ConfigError, match=r"mine\.yaml"):

@@ -9,7 +9,7 @@ import pytest
 
 from circlecal.errors import InputError
 from circlecal.pictures.files import PictureFile
-from circlecal.pictures.masks import PALETTE_RGB, find_mask, read_mask
+from circlecal.pictures.masks import PALETTE_RGB, as_class_ids, find_mask, read_mask
 from circlecal.results import CIRCLE_ID
 
 HEIGHT, WIDTH = 90, 160
@@ -133,11 +133,18 @@ def test_another_size_is_rescaled_without_new_values(tmp_path):
 
 
 @pytest.mark.parametrize("channels", [1, 3, 4])
-def test_all_black_and_all_white(tmp_path, channels):
+def test_all_black_is_empty_and_all_white_is_an_error(tmp_path, channels):
     black = np.zeros((HEIGHT, WIDTH, channels), np.uint8)
     white = np.full_like(black, 255)
-    assert "all black" in problem(stored(tmp_path, black))
+    assert not read_mask(stored(tmp_path, black), WIDTH, HEIGHT).any()
     assert "all white" in problem(stored(tmp_path, white))
+
+
+def test_colours_of_16_bit_with_values_of_8():
+    mask = np.zeros((HEIGHT, WIDTH, 3), np.uint16)
+    mask[40:44] = 255
+    assert np.array_equal(as_class_ids(mask, WIDTH, HEIGHT, "mask") > 0, mask[:, :, 0] > 0)
+    assert np.array_equal(as_class_ids(mask * 257, WIDTH, HEIGHT, "mask") > 0, mask[:, :, 0] > 0)
 
 
 def test_inverted(tmp_path):
