@@ -62,6 +62,8 @@ the focal length.
 """
 LEAST_GRASS = 0.15
 """Share of the picture that the playing surface covers where a search is worth it."""
+AGREEING = 16.3
+"""Chi-square of three degrees of freedom that one of a thousand exceeds."""
 SLACK = 9.0
 """How much more than its covariance says a tripod may change to meet a frame that looks elsewhere: the surface and the
 lens have other shapes than their models.
@@ -113,10 +115,14 @@ def survey_clip(
         look = look_through(pictures_at, times, config, drawn, anchors)
     alone, usual, pictures = look.alone, look.surface_colour, look.with_one_surface()
     if known is not None and is_known:
-        extended = [
-            _extend(tripod, [], pictures, config, template, drawn, period_s, tripod)[0] for tripod in known.tripods
-        ]
-        return Venue(template.name, tuple(extended), paint)
+        tripods = []
+        for tripod in known.tripods:
+            extended, members = _extend(tripod, [], pictures, config, template, drawn, period_s, tripod)
+            if len(members) >= LEAST_FRAMES:
+                own = learn_closely(extended, members, pictures, pictures_at, config, drawn, usual, period_s)
+                extended = _choose_surer(extended, own)
+            tripods.append(extended)
+        return Venue(template.name, tuple(tripods), paint)
     starts = _tripods(alone, config, template, circle, drawn)
     grown: dict[str, tuple[TripodEstimate, list[HeadedFrame]]] = {}
     for start, members in starts:
@@ -128,6 +134,17 @@ def survey_clip(
         learn_closely(t, grown[t.name][1], pictures, pictures_at, config, drawn, usual, period_s) for t in distinct
     ]
     return Venue(template.name, tuple(_keep_distinct(learnt)), paint)
+
+
+def _choose_surer(known: TripodEstimate, own: TripodEstimate) -> TripodEstimate:
+    """What a clip tells of its camera by itself, where that agrees with what was known of it from elsewhere and tells
+    its place surer; else the two together, which count what was known as loosely as a camera may have been moved.
+    """
+    spread = known.whole_covariance[:3, :3] + own.whole_covariance[:3, :3]
+    away = own.mean[:3] - known.mean[:3]
+    agrees = away @ np.linalg.solve(spread, away) <= AGREEING
+    surer = np.diag(own.whole_covariance)[:3] < np.diag(known.whole_covariance)[:3]
+    return own if agrees and surer.all() else known
 
 
 def _note_hips(

@@ -17,7 +17,7 @@ from circlecal.geometry.surface import Surface, SurfaceShape
 from circlecal.observations import Observations
 from circlecal.pictures.video import Sampling, Video
 from circlecal.pipeline import run_observations
-from circlecal.rig.tripod import Venue
+from circlecal.rig.tripod import COMMON, Venue
 from circlecal.tracking import first_look, survey
 from circlecal.tracking.frame_paint import PART_M
 from circlecal.tracking.markings import template_curves
@@ -114,3 +114,14 @@ def test_one_frame_that_a_person_named_makes_a_camera(monkeypatch: pytest.Monkey
     assert not survey_video(alone, video).tripods
     (found,) = survey_video(told, video).tripods
     assert np.abs(found.mean[:3] - tripod().mean[:3]).max() < 3.0
+
+
+def test_what_a_clip_tells_surer_than_a_loosened_venue_is_taken_where_both_agree() -> None:
+    known = tripod()
+    known = replace(known, covariance=np.eye(len(COMMON)) * 0.3**2)
+    near, far = (replace(known, mean=known.mean + shift * (np.arange(len(COMMON)) < 3)) for shift in (0.3, 2.0))
+    surer, vaguer = (np.eye(len(COMMON)) * sd**2 for sd in (0.1, 0.4))
+    own = replace(near, covariance=surer)
+    assert survey._choose_surer(known, own) is own
+    assert survey._choose_surer(known, replace(near, covariance=vaguer)) is known
+    assert survey._choose_surer(known, replace(far, covariance=surer)) is known
