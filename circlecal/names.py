@@ -56,6 +56,11 @@ def as_cell(text: str) -> str:
     return f"'{safe}" if safe.startswith(_FORMULA) else safe
 
 
+def from_cell(text: str) -> str:
+    """The text of a cell that :func:`as_cell` wrote."""
+    return text[1:] if text[:1] == "'" and text[1:].startswith(_FORMULA) else text
+
+
 def as_stem(name: str) -> str:
     """A name as that of a frame and of its files: neither folders nor commands in it, not too long; never empty."""
     text = _COMMANDING.sub("_", as_text(name)).replace("/", "_")

@@ -15,9 +15,11 @@ from circlecal.errors import CirclecalError, InputError
 from circlecal.field import load_field
 from circlecal.files import read_table
 from circlecal.geometry.projective import Array
+from circlecal.names import from_cell
 from circlecal.records.log import read_records
 from circlecal.records.record import ResultRecord
 
+NO_SUCH_FRAME = "no such frame"
 OUTSIDE = "outside the field"
 _COLUMNS = ("frame", "x", "y")
 
@@ -57,17 +59,21 @@ def read_points(lines: Iterable[str], name: str) -> list[TablePoint]:
     Raises
     ------
     InputError
-        A column is missing, or a number is none; with the line.
+        A column is missing, or a number is none; with the line. Two empty cells are nan: a player who was not seen.
     """
     found = []
     for number, row in read_table(lines, name, _COLUMNS):
+        frame = from_cell(row["frame"])
+        if not row["x"].strip() and not row["y"].strip():
+            found.append(TablePoint(frame, np.nan, np.nan))
+            continue
         try:
             x, y = float(row["x"]), float(row["y"])
         except ValueError as error:
             raise InputError(f"{name}, line {number}: x and y must be numbers") from error
         if not (np.isfinite(x) and np.isfinite(y)):
             raise InputError(f"{name}, line {number}: x and y must be finite")
-        found.append(TablePoint(row["frame"], x, y))
+        found.append(TablePoint(frame, x, y))
     return found
 
 
@@ -96,7 +102,7 @@ def project_table(results: Path, points: list[TablePoint], to: Literal["field", 
         indices = of_frame.get(record.id, [])
         answers |= dict(zip(indices, project_points(record, [points[k] for k in indices], to), strict=True))
     for index, point in enumerate(points):
-        yield answers.get(index) or ProjectedPoint(point, np.nan, np.nan, np.nan, "no such frame")
+        yield answers.get(index) or ProjectedPoint(point, np.nan, np.nan, np.nan, NO_SUCH_FRAME)
 
 
 def project_points(
@@ -114,9 +120,15 @@ def project_points(
     outside = _are_outside(record, found.points if to == "field" else given)
     nowhere = "on or above the horizon" if to == "field" else "behind the camera"
     return [
-        ProjectedPoint(p, place[0], place[1], spread, OUTSIDE * out if np.isfinite(place[0]) else nowhere)
+        ProjectedPoint(p, place[0], place[1], spread, _note(p, place[0], nowhere, out))
         for p, place, spread, out in zip(points, found.points.tolist(), sigma.tolist(), outside.tolist(), strict=True)
     ]
+
+
+def _note(given: TablePoint, place: float, nowhere: str, is_outside: bool) -> str:
+    if not np.isfinite(given.x):
+        return "no point given"
+    return OUTSIDE * is_outside if np.isfinite(place) else nowhere
 
 
 def _are_outside(record: ResultRecord, points_m: ArrayLike) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sized
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sized
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -67,7 +67,7 @@ def run_batch(
     scheduler: str | None = None,
     total: int | None = None,
     restart: bool = False,
-    annotations: Mapping[str, str] | None = None,
+    annotations: Mapping[str, str | None] | None = None,
     on_progress: Callable[[BatchProgress], None] = lambda progress: None,
 ) -> BatchProgress:
     """Calibrate many frames in worker processes or on a cluster.
@@ -89,8 +89,8 @@ def run_batch(
     restart : bool
         Start over: drop what the folder holds.
     annotations : mapping, optional
-        Digests of annotations by the id of their frame: frames that were finished with another one, or without, are
-        calibrated again.
+        Digests of annotations by the id of their frame, None where nobody annotated it: frames that were finished with
+        another one are calibrated again.
     on_progress : callable
         Called after the start and after every frame, in this process.
 
@@ -109,6 +109,7 @@ def run_batch(
     """
     with ResultLog(out, restart) as log:
         log.take_up(task.digest)
+        _drop_frames(log, task.digest, {row.id for row in log.index.rows() if row.code in FAILED_CODES})
         if annotations is not None:
             _drop_old_frames(log, task.digest, annotations)
         expected = len(frames) if isinstance(frames, Sized) else total or 0
@@ -168,13 +169,19 @@ def _calibrate_again(
             write()
 
 
-def _drop_old_frames(log: ResultLog, digest: str, annotations: Mapping[str, str]) -> None:
+def _drop_old_frames(log: ResultLog, digest: str, annotations: Mapping[str, str | None]) -> None:
     """Take out the frames that were calibrated with another annotation than there is now."""
     used = log.index.annotations()
-    changed = {name for name in annotations.keys() | used.keys() if annotations.get(name) != used.get(name)}
-    outdated = {name for name in changed if log.index.find(name) is not None}
-    if outdated:
-        log.drop(outdated)
+    changed = {name for name, now in annotations.items() if now != used.get(name)}
+    _drop_frames(log, digest, {name for name in changed if log.index.find(name) is not None})
+
+
+def _drop_frames(log: ResultLog, digest: str, names: Collection[str]) -> None:
+    """Take frames out, so that they are done again: those that never reached the end of the pipeline too, whose file or
+    limits may have been mended since.
+    """
+    if names:
+        log.drop(names)
         log.take_up(digest)
 
 

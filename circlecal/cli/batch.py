@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from itertools import chain
 from pathlib import Path
@@ -194,7 +195,6 @@ def _calibrate(
     """Calibrate all frames, those of videos after the others, while the progress is shown."""
     from circlecal.batch import run_batch
     from circlecal.cli import console
-    from circlecal.formats.annotation import digest_annotations
 
     moments = (frame for video in work.videos for frame in video.frames(work.sampling, console.print_note))
     with console.resumable(restart=restart), console.progress_display(quiet=quiet) as show:
@@ -206,9 +206,35 @@ def _calibrate(
             scheduler=scheduler,
             total=len(work.frames) + sum(video.estimate_count(work.sampling) for video in work.videos),
             restart=restart,
-            annotations=digest_annotations(run.annotations),
+            annotations=_digest_annotations(work, run.annotations, out),
             on_progress=show,
         )
+
+
+def _digest_annotations(work: _Work, folder: Path | None, out: Path) -> dict[str, str | None]:
+    """Digest of what people said of each frame that the inputs name, by its id; None where nobody did. Of the frames of
+    videos, which are not decoded yet, those are told of which somebody says something, or did in an earlier start.
+    """
+    from circlecal.errors import InputError
+    from circlecal.formats.annotation import digest_annotations, find_annotation
+    from circlecal.pictures.files import PictureFile
+    from circlecal.records.log import RESULTS_NAME, read_records
+    from circlecal.records.record import ResultRow
+
+    clips = {video.name for video in work.videos}
+    before = read_records(out, ResultRow) if clips and (out / RESULTS_NAME).is_file() else ()
+    told: dict[str, str | None] = {row.id: None for row in before if row.annotation and _clip_of(row.id) in clips}
+    told |= {name: digest for name, digest in digest_annotations(folder).items() if _clip_of(name) in clips}
+    for frame in work.frames:
+        if isinstance(frame, PictureFile):
+            with suppress(InputError):  # a damaged one is told with its frame
+                stored = find_annotation(folder, frame.id, frame.path if frame.url is None else None)
+                told[frame.id] = None if stored is None else stored.digest
+    return told
+
+
+def _clip_of(frame_id: str) -> str:
+    return frame_id.rpartition("_")[0]
 
 
 def _write_further(

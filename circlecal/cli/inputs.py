@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from circlecal.pictures.inputs import Inputs
     from circlecal.pictures.video import Sampling, Video
 
+ANY_SIZE = 1920, 1080
+"""For a look into a file whose pixels do not count yet."""
+
 
 def choose_frames(inputs: Sequence[Path], out: Path, mask: Path | None) -> list[PictureFile]:
     """The frames among the inputs.
@@ -90,6 +93,29 @@ def leave_to_batch(named: Inputs, report: Callable[[Exception], None], with_opti
             report(error)
 
 
+def _require_keypoints_of_each(frames: Sequence[PictureFile], run: FrameRun) -> None:
+    """A file with the keypoints of one frame is not given for several pictures.
+
+    Raises
+    ------
+    InputError
+        It is.
+    """
+    from circlecal.errors import InputError
+    from circlecal.files import is_file
+    from circlecal.formats.registry import read_annotations
+
+    if run.keypoints is None or len(frames) <= 1 or not is_file(run.keypoints):
+        return
+    try:
+        _, found = read_annotations(run.keypoints, run.size or ANY_SIZE, run.format_name)
+    except InputError:  # told with each frame
+        return
+    if len(found) == 1:
+        told = f"{run.keypoints}: holds one frame for {len(frames)} pictures"
+        raise InputError(f"{told}; give a folder of files named like the pictures")
+
+
 def _frames_of(
     inputs: Sequence[Path], run: FrameRun, out: Path, report: Callable[[Exception], None]
 ) -> list[PictureFile | FrameOfFile]:
@@ -103,6 +129,7 @@ def _frames_of(
     format_name = None if run.keypoints is not None else run.format_name
     pictures, files = split_inputs(inputs, format_name, exclude=[out])
     frames = choose_frames(pictures, out, run.mask) if pictures else []
+    _require_keypoints_of_each(frames, run)
     note_unused_annotations(frames if run.keypoints is None else ())
     if run.keypoints is not None and not frames:
         raise InputError(f"{run.keypoints}: --keypoints are used together with pictures, and no picture is given")

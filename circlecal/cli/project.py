@@ -125,8 +125,9 @@ def _finite(value: float) -> float | None:
 
 def _project_table(results: Path, points: Path, to: Target, *, as_json: bool) -> None:
     """A table of points of many frames as a table, or as JSON, one line each."""
-    from circlecal.api.tables import project_table, read_points
+    from circlecal.api.tables import NO_SUCH_FRAME, project_table, read_points
     from circlecal.cli import console
+    from circlecal.errors import InputError
     from circlecal.files import read_file
 
     lines = (
@@ -134,9 +135,12 @@ def _project_table(results: Path, points: Path, to: Target, *, as_json: bool) ->
     )
     given_unit, unit = to.units
     names = ("frame", f"x_{given_unit}", f"y_{given_unit}", f"x_{unit}", f"y_{unit}", f"sigma_{unit}", "note")
+    given = read_points(lines, str(points))
     if not as_json:
         console.print_line(",".join(names))
-    for found in project_table(results, read_points(lines, str(points)), to.value):
+    is_known = not given
+    for found in project_table(results, given, to.value):
+        is_known = is_known or found.note != NO_SUCH_FRAME
         numbers = (found.given.x, found.given.y, found.x, found.y, found.sigma)
         if as_json:
             row = (found.given.frame, *map(_finite, numbers), found.note or None)
@@ -146,3 +150,5 @@ def _project_table(results: Path, points: Path, to: Target, *, as_json: bool) ->
         cells = ["" if _finite(value) is None else f"{value:z.6g}" for value in numbers]
         csv.writer(text, lineterminator="\n").writerow([as_cell(found.given.frame), *cells, found.note])
         console.print_line(text.getvalue().rstrip("\n"))
+    if not is_known:
+        raise InputError(f"{points}: {results} has none of its frames; the column frame holds their ids")

@@ -23,6 +23,7 @@ from circlecal.errors import CirclecalError, InputError
 from circlecal.field import FieldTemplate
 from circlecal.files import is_file, is_folder, read_table, read_text, real_path
 from circlecal.formats.registry import annotation_suffixes
+from circlecal.names import from_cell
 from circlecal.pictures.files import PictureFile, find_frames
 from circlecal.pictures.limits import LimitsConfig
 from circlecal.pictures.video import pictures_at
@@ -163,6 +164,10 @@ def run_rig(
         annotated = annotated or _is_annotated(record)
         # what was seen of the frames that are estimated together is read again below: a run may be long
         frames.append(frame_of_record(record, results).without_points())
+    unknown = sorted((cameras or {}).keys() - {frame.id for frame in frames})
+    if unknown:
+        told = f"a camera is named for {unknown[0]}" + f" and {len(unknown) - 1} more" * (len(unknown) > 1)
+        raise InputError(f"{results}: {told}, which are no frames of this run")
     seen_as = apply_convention(template, convention) if annotated else template
 
     def read_frames(wanted: Collection[str]) -> dict[str, RigFrame]:
@@ -258,13 +263,15 @@ def read_cameras(path: Path) -> dict[str, str]:
     InputError
         Unreadable, without these columns, or a name that no file can have.
     """
-    found = {}
+    found: dict[str, str] = {}
     for number, row in read_table(io.StringIO(read_text(path), newline=""), str(path), ("id", "camera")):
-        frame, camera = row["id"], row["camera"]
+        frame, camera = from_cell(row["id"]), row["camera"]
         if not frame or not camera:
             raise InputError(f"{path}, line {number}: needs the columns id and camera, both filled")
         if not re.fullmatch(r"[\w.-]+", camera) or camera.startswith("."):
             raise InputError(f"{path}, line {number}: camera {camera!r} is no name; use letters, digits, . _ and -")
+        if found.get(frame, camera) != camera:
+            raise InputError(f"{path}, line {number}: {frame} is of {camera} here, and of {found[frame]} before")
         found[frame] = camera
     if not found:
         raise InputError(f"{path}: names no camera; give a CSV file with id,camera")

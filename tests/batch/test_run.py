@@ -56,7 +56,16 @@ def test_all_kinds_of_frames_resume_and_restart(run_circlecal, frame_file, blank
     again = run_circlecal("batch", folder, "--out", out, "--workers", 2)
     assert again.code == 1
     assert again.out.startswith("3 frames: 1 calibrated, 2 refused (1 of them unreadable)")
-    assert "(3 from before)" in again.err
+    # what could not be read is tried again, since it may have been mended
+    assert "(2 from before)" in again.err
+    assert {r["id"]: r["code"] for r in records(out)} == {key: r["code"] for key, r in found.items()}
+    whole = cv2.imencode(".jpg", np.zeros((99, 99, 3), np.uint8))[1].tobytes()
+    (folder / "cut.jpg").write_bytes(whole)
+    run_circlecal("batch", folder, "--out", out, "--workers", 2)
+    mended = {r["id"]: r["code"] for r in records(out)}
+    assert len(mended) == 3 and mended["cut"] not in (None, "unreadable_input")
+    before = (out / RESULTS_NAME).read_bytes()
+    run_circlecal("batch", folder, "--out", out, "--workers", 2)
     assert (out / RESULTS_NAME).read_bytes() == before
 
     other = run_circlecal("batch", folder, "--out", out, "--seed", 9)

@@ -130,6 +130,17 @@ def test_a_table_of_points_over_a_run(run_circlecal, result_file, blank_file, tm
     table = run_circlecal("project", tmp_path, "--points", "-", "--to", "field").out.splitlines()
     assert table[0] == "frame,x_px,y_px,x_m,y_m,sigma_m,note"
     assert table[2].endswith("outside the field") and len(table) == 6
+    (tmp_path / "points.csv").write_text("frame,x,y\ngood,,\ngood,480,270\n'=good,1,2\n")
+    outcome = run_circlecal("project", tmp_path, "--points", tmp_path / "points.csv", "--to", "field", "--json")
+    seen, nobody, formula = (json.loads(line) for line in outcome.out.splitlines())
+    assert (seen["x_px"], seen["note"]) == (None, "no point given") and nobody["sigma_m"] > 0
+    assert (formula["frame"], formula["note"]) == ("=good", "no such frame")
+    (tmp_path / "points.csv").write_text("frame,x,y\n17,480,270\n")
+    outcome = run_circlecal("project", tmp_path, "--points", tmp_path / "points.csv", "--to", "field")
+    assert outcome.code == 2 and "has none of its frames; the column frame holds their ids" in outcome.err
+    (tmp_path / "points.csv").write_text("frame,x,y\ngood,1,\n")
+    outcome = run_circlecal("project", tmp_path, "--points", tmp_path / "points.csv", "--to", "field")
+    assert outcome.code == 2 and "line 2: x and y must be numbers" in outcome.err and not outcome.out
     (tmp_path / "points.csv").write_text("frame,x\ngood,1\n")
     wrong = run_circlecal("project", tmp_path, "--points", tmp_path / "points.csv", "--to", "field")
     assert wrong.code == 2 and "no column 'y'" in wrong.err

@@ -193,6 +193,10 @@ def test_given_cameras(run_circlecal, results, tmp_path):
     assert found["2"].rig.camera == "stand"
     assert found["3"].rig.camera is None
     assert found["arc"].status == "refused"
+    named.write_text("id,camera\n0,stand\nmoon,stand\nsun,stand\n")
+    outcome = run_circlecal("rig", results, "--out", tmp_path / "other", "--cameras", named, *SETTINGS)
+    assert outcome.code == 2
+    assert "a camera is named for moon and 1 more, which are no frames of this run" in outcome.err
 
 
 @pytest.mark.parametrize(
@@ -200,6 +204,7 @@ def test_given_cameras(run_circlecal, results, tmp_path):
     [
         ("id,camera\n1,a/b\n", "line 2: camera 'a/b' is no name"),
         ("id,camera\n1,a\n2,.b\n", "line 3: camera '.b' is no name"),
+        ("id,camera\n1,a\n1,b\n", "line 3: 1 is of b here, and of a before"),
         ("id,camera\n1,a\n2\n", "line 3: needs the columns id and camera, both filled"),
         ("id,camera\n1,a\n,a\n", "line 3: needs the columns id and camera, both filled"),
         ("frame\n1\n", "no column 'id'; name the columns id, camera"),

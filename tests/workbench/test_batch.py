@@ -58,6 +58,26 @@ def test_a_run_goes_on_with_what_was_named_meanwhile(pictures, named, run_circle
     assert [r["code"] for r in records(out)] == ["other_camera"]
 
 
+def test_annotated_frames_stay_when_others_are_given_and_are_done_once(
+    pictures, named, run_circlecal, in_this_process, tmp_path
+):
+    out, blank = tmp_path / "run", tmp_path / "blank.png"
+    cv2.imwrite(str(blank), np.full((96, 128, 3), 90, np.uint8))
+    command = ("batch", "--out", out, "--workers", 1, "-q")
+    run_circlecal(*command, pictures)
+    # an annotation beside its picture that was added meanwhile
+    (pictures / "open.json").write_bytes(annotation_bytes(named.model_copy(update={"touched": True})))
+    assert run_circlecal(*command, pictures).code == 0
+    before = (out / "results.jsonl").read_bytes()
+    assert run_circlecal(*command, pictures).code == 0
+    assert (out / "results.jsonl").read_bytes() == before
+    run_circlecal(*command, blank)
+    assert {r["id"]: bool(r.get("annotation")) for r in records(out)} == {"open": True, "blank": False}
+    (pictures / "open.json").unlink()
+    assert run_circlecal(*command, pictures).code == 1
+    assert {r["id"]: r["status"] for r in records(out)} == {"open": "refused", "blank": "refused"}
+
+
 def test_an_annotation_beside_its_picture_is_taken(pictures, named, run_circlecal, tmp_path):
     (pictures / "open.json").write_bytes(annotation_bytes(named))
     outcome = run_circlecal("calibrate", pictures / "open.png", "--out", tmp_path / "out", "--json")
