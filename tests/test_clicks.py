@@ -1,18 +1,24 @@
 """Clicked points: options that suit them are taken where none are named, and every single point is judged."""
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import circlecal
-from circlecal.config import Config, load_config
+from circlecal.api.calls import calibrate_annotation
+from circlecal.config import Config, load_config, suit_pixels
 from circlecal.field import load_field
+from circlecal.formats.annotation import parse_annotation
 from circlecal.observations import MarkingKey, MarkPoint, Observations
 from circlecal.overlay.frame_overlay import verdict_facts
 from circlecal.pipeline import run_observations
+from circlecal.records.json_text import result_line
 from circlecal.records.stored import calibration_of_record
 from circlecal.records.writing import result_record
+from circlecal.rig.frames import frame_of_calibration, frame_of_record
 from circlecal.synthetic.cameras import aim_camera
 from circlecal.synthetic.markings import circle_points, line_points
 
@@ -146,3 +152,19 @@ def test_few_clicks_of_a_camera_that_stands_elsewhere_are_refused():
     )
     assert (found.status, found.attempt.code) == ("refused", "too_uncertain")
     assert not found.verdict.check("assumed_place").passed
+
+
+def test_a_record_keeps_the_shape_of_pixels_where_they_are_not_square():
+    seen = clicks(("halfway_line", "side_line_top"))
+    for aspect, told in ((1.0, {"width": 1920, "height": 1080}), (1.2, {"width": 1920, "height": 1080, "aspect": 1.2})):
+        found = run_observations(seen, suit_pixels(Config(), aspect), frame_id="frame")
+        record = result_record(found, TEMPLATE)
+        assert json.loads(result_line(record))["image"] == told
+        assert frame_of_record(record, Path("run")).aspect == frame_of_calibration(found).aspect == aspect
+
+
+def test_an_annotation_is_calibrated_with_the_pixels_of_its_picture():
+    told = {"annotation_version": 1, "id": "x", "width": 1920, "height": 1080, "pixel_aspect": 1.2}
+    annotation = parse_annotation(Path("x.json"), json.dumps(told).encode())
+    assert calibrate_annotation(annotation, Config()).aspect == 1.2
+    assert calibrate_annotation(annotation, suit_pixels(Config(), 1.5)).aspect == 1.5

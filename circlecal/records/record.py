@@ -72,7 +72,6 @@ class ResultRow(RecordPart):
     version: Text | None = None
     id: Text
     source: SourceRecord | None = None
-    image: ImageRecord | None = None
     field: FieldRecord | None = None
     status: Status
     code: Text | None = None
@@ -108,6 +107,7 @@ class ResultRecord(ResultRow):
     model_config = ConfigDict(extra="allow")
 
     help: Text | None = None
+    image: ImageRecord | None = None
     checks: list[CheckRecord] = Field(default_factory=list)
     H_image_field: Matrix | None = None
     H_field_image: Matrix | None = None

@@ -138,12 +138,24 @@ def _row_of(record: ResultRow) -> ListedFrame:
     path, camera = record.path or "", record.estimated_camera
     time_s = None if record.source is None else record.source.time_s
     url = path if is_url(path) else None
-    aspect = None if record.image is None else record.image.aspect
-    file = PictureFile(record.id, Path(path), record.id, time_s=time_s, aspect=aspect, url=url)
+    file = PictureFile(record.id, Path(path), record.id, time_s=time_s, url=url)
     sigma = None if camera is None else camera.max_sigma_px
     middle = None if camera is None else camera.principal_point[0]
     width = 1920 if middle is None else round(2.0 * middle) + 1
     return ListedFrame(file).with_verdict(record.status, record.code, sigma, width)
+
+
+def tell_pixels(frame: PictureFile) -> PictureFile:
+    """A listed frame with the shape of its pixels, where it is of a video that tells it.
+
+    Raises
+    ------
+    InputError
+        The video cannot be read, or has moved.
+    """
+    if frame.time_s is None or frame.aspect is not None:
+        return frame
+    return replace(frame, aspect=Video.open(frame.path, frame.id).aspect)
 
 
 def picture_of(frame: PictureFile) -> NDArray[np.uint8]:

@@ -27,7 +27,7 @@ from circlecal.formats.shapes import AnnotatedFrame
 from circlecal.geometry.projective import Array
 from circlecal.pipeline import field_of
 from circlecal.workbench.answers import Answer, answer, describe
-from circlecal.workbench.frames import ListedFrame, picture_of
+from circlecal.workbench.frames import ListedFrame, picture_of, tell_pixels
 from circlecal.workbench.interpretations import Interpretation, interpret
 from circlecal.workbench.measuring import (
     MeasuredPicture,
@@ -115,8 +115,9 @@ class Session:
             if held is not None:
                 self._held.move_to_end(index)
                 return held
-        measured = measure_picture(picture_of(frame.file), self.config, frame.file)
-        held = OpenFrame(measured, begin_annotation(measured, self.config, frame.file))
+        picture, file = picture_of(frame.file), tell_pixels(frame.file)
+        measured = measure_picture(picture, self.config, file)
+        held = OpenFrame(measured, begin_annotation(measured, self.config, file))
         with self._lock:
             self._held[index] = held
             while len(self._held) > 1 and (len(self._held) > HELD or self._count_pixels() > HELD_PIXELS):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from circlecal.camera.priors import SharedPrior
-from circlecal.config import Config
+from circlecal.config import Config, suit_pixels
 from circlecal.geometry.camera_parameters import INDEX
 from circlecal.geometry.homography import SIDES
 from circlecal.observations import LinePoints
@@ -15,6 +15,7 @@ from circlecal.rig.estimation import (
     config_with_prior,
     estimate_rigs,
     find_opposite_line,
+    problem_of_frame,
     restore_names,
     select_frames,
     summarise_shared,
@@ -239,3 +240,12 @@ def test_a_pitch_of_the_usual_width_is_kept_where_one_frame_alone_has_another():
     mean, sd = summarise_shared(rig)["breadth"]
     assert abs(mean) < 1.0
     assert sd <= TEMPLATE.width_sd_m
+
+
+def test_a_frame_has_pixels_of_the_shape_that_its_file_tells(mixed):
+    frame = mixed[0][0]
+    stored = replace(frame, aspect=4 / 3)
+    for config, aspect in ((CONFIG, 4 / 3), (suit_pixels(CONFIG, 1.2), 1.2)):
+        problem = problem_of_frame(stored, frame.theta, TEMPLATE, CIRCLE, config)
+        assert problem.priors.mean[INDEX["log_aspect"]] == pytest.approx(np.log(aspect))
+        assert problem.priors.sd[INDEX["log_aspect"]] == 0.0
