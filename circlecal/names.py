@@ -56,6 +56,16 @@ def as_cell(text: str) -> str:
     return f"'{safe}" if safe.startswith(_FORMULA) else safe
 
 
+def picture_name(frame_id: str, path: str) -> str:
+    """Name of a frame's picture in files of other programs: that of its file, or with the frame's id where pictures of
+    several folders have one name.
+    """
+    name = path.replace("\\", "/").rpartition("/")[2]
+    stem, dot, suffix = name.rpartition(".")
+    is_other = frame_id != stem and frame_id.endswith(stem)
+    return f"{frame_id}{dot}{suffix}" if is_other else name
+
+
 def from_cell(text: str) -> str:
     """The text of a cell that :func:`as_cell` wrote."""
     return text[1:] if text[:1] == "'" and text[1:].startswith(_FORMULA) else text

@@ -24,6 +24,7 @@ from circlecal.formats.cameras import Size
 from circlecal.formats.exports import Exports
 from circlecal.formats.inputs import FrameOfFile, observations_beside
 from circlecal.formats.shapes import ObservedFrame
+from circlecal.names import picture_name
 from circlecal.pictures.files import (
     DEBUG_SUFFIX,
     OVERLAY_SUFFIX,
@@ -202,7 +203,7 @@ class FrameRun:
             if self.exports is not None:
                 template = calibration.template or template
                 circle = template.circle_by_name.get(calibration.circle_name, circle)
-                self.exports.add(record, template, circle, frame.path.name)
+                self.exports.add(record, template, circle, picture_name(frame.id, str(frame.path)))
         if self.out is not None:
             write_outputs(picture, calibration, record, self.config, self.out)
         return record

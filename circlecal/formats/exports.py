@@ -29,7 +29,7 @@ from circlecal.formats.registry import (
     require_format,
 )
 from circlecal.formats.shapes import AnnotatedFrame, ObservedFrame
-from circlecal.names import as_stem
+from circlecal.names import as_stem, picture_name
 from circlecal.pictures.files import distinct_names
 from circlecal.records.json_text import read_result
 from circlecal.records.log import is_log, read_records
@@ -230,7 +230,7 @@ def _picture_name(record: ResultRecord) -> str | None:
     """Name of a frame's picture; one of a video is named by its id."""
     if record.source is not None and record.source.time_s is not None:
         return f"{record.id}.jpg"
-    return record.path.replace("\\", "/").rpartition("/")[2] if record.path else None
+    return picture_name(record.id, record.path) if record.path else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -364,7 +364,7 @@ def _reduce(path: Path, frame: CameraFrame, target: CameraFormat, template: Fiel
 def _cameras_of_record(record: ResultRecord, target: CameraFormat, template: FieldTemplate) -> list[CameraFrame]:
     """The camera of a record as a format holds it; none of a refused frame."""
     stored = CalibratedFrame.of(record, template, template.circle_by_name[template.default_circle])
-    return [] if stored is None else [stored.reduce(target.holds)]
+    return [] if stored is None else [replace(stored, image=_picture_name(record)).reduce(target.holds)]
 
 
 def _number(frames: Sequence[F]) -> list[F]:

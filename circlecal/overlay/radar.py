@@ -75,7 +75,7 @@ def warp_to_field(
     px_per_m : float
         The resolution, lowered where the picture would be wider than 4096 pixels.
     """
-    half = radar_half(template)
+    half = radar_half(template, view)
     scale = min(px_per_m, _LARGEST_PX / float(2 * half.max()))
     width, height = np.maximum(np.round(2 * half * scale), 1).astype(int)
     grid = np.stack(np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5), axis=-1) / scale - half
@@ -95,7 +95,10 @@ def _find_visible_cells(view: FieldView, grid: Array) -> Mask:
     return np.asarray(np.kron(wide, np.ones((_COARSE, _COARSE), np.uint8))[: grid.shape[0], : grid.shape[1]] > 0)
 
 
-def radar_half(template: FieldTemplate) -> Array:
-    """Half the length and width (2,) of what a radar picture covers, metres."""
+def radar_half(template: FieldTemplate, view: FieldView | None = None) -> Array:
+    """Half the length and width (2,) of what a radar picture covers, metres: the field, as long and broad as the view
+    has it where that is larger than the template's, and a border.
+    """
     border = _BORDER_M * min(1.0, template.length_m / 60.0)
-    return np.array([template.length_m, template.width_m]) / 2 + border
+    growth_m = np.zeros(2) if view is None else np.maximum(view.growth_m, 0.0)
+    return (np.array([template.length_m, template.width_m]) + growth_m) / 2 + border

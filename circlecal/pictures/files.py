@@ -30,7 +30,7 @@ MASK_FOLDER = "masks"
 OVERLAY_SUFFIX, RADAR_SUFFIX, DEBUG_SUFFIX = ".overlay.jpg", ".radar.jpg", ".debug"
 REPORT_FOLDER = "circlecal-report"
 _DIGITS = re.compile(r"([0-9]+)")
-OWN_FOLDERS = ("circlecal-out", "circlecal-debug", REPORT_FOLDER)
+OWN_FOLDERS = ("circlecal-out", "circlecal-debug", "circlecal-track", "circlecal-rig", REPORT_FOLDER)
 
 
 @dataclass(frozen=True, slots=True)

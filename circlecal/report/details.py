@@ -55,7 +55,7 @@ def frame_details(
         "size": None if scene is None else [scene.width, scene.height],
         "view": None if view is None else describe_view(view),
         "sigma": None if view is None else sigma_grid(count_sigma_from_seen(view, _by_growth(record)), SIGMA_GRID),
-        "radar": None if scene is None or scene.template is None else radar_half(scene.template).tolist(),
+        "radar": None if scene is None or scene.template is None else radar_half(scene.template, scene.view).tolist(),
         "other": [[label, text] for label, text in _against(compared)],
     }
 

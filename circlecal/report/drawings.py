@@ -123,7 +123,7 @@ def plan_layer(scene: Scene) -> str | None:
     """The field from above with the outline of what the frame shows, as SVG on the extent of the radar picture."""
     if scene.view is None or scene.template is None or not scene.accepted:
         return None
-    half, scale = radar_half(scene.template), _PLAN_UNITS_PER_M
+    half, scale = radar_half(scene.template, scene.view), _PLAN_UNITS_PER_M
     footprint = _path(_close(_footprint(scene, half)), 0.5, closed=True, scale=scale)
     parts = [f'<path d="{footprint}" fill="#fff" fill-opacity=".10" stroke="#fff" {_LINE} stroke-dasharray="5 4"/>']
     for name, polyline in scene.view.markings(scene.template).items():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import threading
 import zipfile
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -281,8 +281,11 @@ class Session:
         """
         path = self.store.folder / "imported" / Path(name.replace("\\", "/")).name
         write_atomic(path, content)
-        numbers = {frame.file.id: k for k, frame in enumerate(self.frames)}
-        numbers |= {frame.file.path.stem: k for k, frame in enumerate(self.frames) if frame.file.time_s is None}
+        stems = [(frame.file.path.stem, k) for k, frame in enumerate(self.frames) if frame.file.time_s is None]
+        shared = {stem for stem, count in Counter(stem for stem, _ in stems).items() if count > 1}
+        # a name that several pictures have in their folders is none of theirs, but for the one whose id it is
+        numbers = {stem: k for stem, k in stems if stem not in shared}
+        numbers |= {frame.file.id: k for k, frame in enumerate(self.frames)}
         source, frames = self._read(path, numbers)
         known = [(numbers[frame.id], frame) for frame in frames if frame.id in numbers]
         taken = 0

@@ -1,7 +1,7 @@
 // From pixels to metres with the camera of a frame: what circlecal.geometry.camera and surface do, for one point.
 globalThis.circlecalCamera = (() => {
   "use strict";
-  const ROUNDS = 12, TOLERANCE_M = 1e-6;
+  const ROUNDS = 12, TOLERANCE_M = 1e-6, TOLERANCE_R = 1e-6;
 
   // Newton's iteration on the radius r of r (1 + k1 r^2 + k2 r^4) = target, in half widths of the picture
   const undistort = (camera, x, y) => {
@@ -13,7 +13,10 @@ globalThis.circlecalCamera = (() => {
       const r2 = r * r;
       r -= (r * (1 + k1 * r2 + k2 * r2 * r2) - target) / (1 + 3 * k1 * r2 + 5 * k2 * r2 * r2);
     }
-    if (!Number.isFinite(r) || r < 0) return null;
+    const r2 = r * r, grows = 1 + 3 * k1 * r2 + 5 * k2 * r2 * r2;
+    // beyond the fold of a barrel no point is seen
+    const off = Math.abs(r * (1 + k1 * r2 + k2 * r2 * r2) - target);
+    if (!Number.isFinite(r) || r < 0 || !(grows > 0) || !(off < TOLERANCE_R)) return null;
     const factor = target > 0 ? r / target : 1;
     return [(dx * factor) / fx, (dy * factor) / fy];
   };
