@@ -28,6 +28,15 @@ _MOST_NAME_BYTES = 100
 """Of a file's name that the temporary file beside it repeats; file systems take 255 bytes."""
 
 
+def file_size(path: str | Path) -> int | None:
+    """Size of a regular file, bytes; None where there is none."""
+    try:
+        status = Path(path).stat()
+    except (OSError, ValueError):
+        return None
+    return status.st_size if stat.S_ISREG(status.st_mode) else None
+
+
 def are_different(first: str | Path, second: str | Path) -> bool:
     """Whether two paths name different files of different sizes: not what was copied, and not what is missing."""
     try:

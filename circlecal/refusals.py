@@ -290,8 +290,10 @@ REFUSALS = _by_code(
         Refusal(
             "mark_contradicts_circle",
             "the centre mark is not where circle and line put it",
-            "A boot, a ball or a logo was taken for the mark, or something else for the halfway line.",
-            "Give a mask, or switch the mark off (cues.centre_mark=false).",
+            "A boot, a ball or a logo was taken for the mark, something else for the halfway line, or the picture was "
+            "cut out of a larger one.",
+            "Give a mask, or switch the mark off (cues.centre_mark=false); of a picture that was cut out, set "
+            "camera.principal_point_sd_px=300.",
             another_interpretation=True,
         ),
         Refusal(

@@ -18,7 +18,7 @@ from circlecal.config import Config, config_digest
 from circlecal.detection.keypoints import require_keypoint_networks
 from circlecal.errors import InputError
 from circlecal.field import FieldTemplate
-from circlecal.files import fingerprint
+from circlecal.files import file_size, fingerprint
 from circlecal.formats.annotation import Annotation, find_annotation
 from circlecal.formats.cameras import Size
 from circlecal.formats.exports import Exports
@@ -204,6 +204,7 @@ class FrameRun:
                 template = calibration.template or template
                 circle = template.circle_by_name.get(calibration.circle_name, circle)
                 self.exports.add(record, template, circle, picture_name(frame.id, str(frame.path)))
+        record = _tell_size(record, frame)
         if self.out is not None:
             write_outputs(picture, calibration, record, self.config, self.out)
         return record
@@ -310,3 +311,12 @@ def write_stage_pictures(
         write_image(path, picture, jpeg_quality)
         written.append(path)
     return written
+
+
+def _tell_size(record: ResultRecord, frame: PictureFile | FrameOfFile) -> ResultRecord:
+    """The record with the size of the picture's file, by which a later start knows another one of its name."""
+    is_file = isinstance(frame, PictureFile) and frame.time_s is None and frame.url is None
+    size = file_size(frame.path) if is_file else None
+    if size is None or record.source is None:
+        return record
+    return record.model_copy(update={"source": record.source.model_copy(update={"bytes": size})})

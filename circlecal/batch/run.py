@@ -10,16 +10,16 @@ from pathlib import Path
 
 from circlecal.batch.learning import LearnedRun, learn_from
 from circlecal.batch.task import FAILED_CODES, F, Task
-from circlecal.files import are_different
+from circlecal.files import are_different, file_size
 from circlecal.records.index import ResultIndex
 from circlecal.records.log import START_OVER, Finished, OtherRunError, ResultLog, read_records
 from circlecal.records.record import ResultRow
 from circlecal.records.summary import write_summary
 
 SUMMARY_NAME = "summary.csv"
-FIRST_ROWS = 256
-"""Frames that a folder holds whose files are compared with those that are given: another folder's pictures differ from
-the first one on.
+FIRST_ROWS = 10_000
+"""Frames that a folder holds, the first ones, whose files are compared with those that are given: another folder's
+pictures differ from the first one on.
 """
 FEWEST_AT_ONCE, SHARE_AT_ONCE = 200, 0.1
 """Frames that were calibrated again, and share of the run's, that are written to the results together, since the whole
@@ -194,13 +194,13 @@ def _require_own(frames: Iterable[F], task: Task[F], log: ResultLog) -> Iterator
         One has: its file is still there, and is another one.
     """
     first = islice(read_records(log.path, ResultRow), FIRST_ROWS) if len(log.index) > 0 else ()
-    sources = {row.id: row.path for row in first if row.path is not None}
+    sources = {row.id: (row.path, row.source.bytes) for row in first if row.source is not None}
     for frame in frames:
-        before, source = sources.get(frame.id), task.source(frame)
-        if before is not None and are_different(before, source):
-            raise OtherRunError(
-                f"{log.path.parent}: holds the result of {before}, which has the name of {source}; {START_OVER}"
-            )
+        (before, size), source = sources.get(frame.id, (None, None)), task.source(frame)
+        now = None if size is None else file_size(source)
+        if before is not None and (now != size if now is not None else are_different(before, source)):
+            told = "which has changed since" if before == source else f"which has the name of {source}"
+            raise OtherRunError(f"{log.path.parent}: holds the result of {before}, {told}; {START_OVER}")
         yield frame
 
 

@@ -171,7 +171,7 @@ def choose_frames_and_videos(
     Raises
     ------
     InputError
-        Nothing was found that can be read, or a video cannot be read.
+        Nothing was found that can be read.
     """
     from circlecal.errors import InputError
     from circlecal.files import is_folder
@@ -183,11 +183,18 @@ def choose_frames_and_videos(
 
     named = expand_inputs(inputs, annotation_suffixes())
     names = distinct_names([path.stem for path in named.videos])
-    videos = [Video.open(path, name, run.config.limits) for path, name in zip(named.videos, names, strict=True)]
+    videos = []
+    for video, name in zip(named.videos, names, strict=True):
+        try:
+            videos.append(Video.open(video, name, run.config.limits))
+        except InputError as error:
+            if len(named.videos) == 1 and not named.paths and not named.urls:
+                raise
+            report(error)
     for path in (run.mask, run.keypoints):
         if videos and path is not None and not is_folder(path):
             raise InputError(f"{path}: is one file for all frames of a video; give a folder of files named like them")
-    alone = (videos or named.urls) and not named.paths
+    alone = (named.videos or named.urls) and not named.paths
     frames = [] if alone else _frames_of(named.paths, run, out, report)
     ids = url_names(named.urls, [frame.id for frame in frames])
     frames += [PictureFile(name, Path(name), name, url=url) for name, url in zip(ids, named.urls, strict=True)]

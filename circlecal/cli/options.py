@@ -200,6 +200,8 @@ def choose_config(
     from circlecal.errors import ConfigError
     from circlecal.pipeline import field_of
 
+    if camera_prior is not None and venue is not None:
+        raise ConfigError("--camera-prior and --venue both say where the camera stands; give one of them")
     overrides: list[str] = []
     if camera_prior is not None:
         from circlecal.records.camera_prior import prior_settings

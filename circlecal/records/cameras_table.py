@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from circlecal.files import write_atomic_parts
+from circlecal.names import as_cell
 from circlecal.records.parts import HeadRecord, TrackRecord
 from circlecal.records.record import ResultRecord
 
@@ -114,4 +115,6 @@ def _lines(records: Iterable[ResultRecord]) -> Iterator[bytes]:
 
 
 def _cell(value: Any) -> Any:
+    if isinstance(value, str):
+        return as_cell(value)
     return f"{value:.{_DIGITS}g}" if isinstance(value, float) else value

@@ -46,10 +46,11 @@ class RecordPart(BaseModel):
 
 
 class SourceRecord(RecordPart):
-    """Where a frame comes from: its file or address, and its time in a video."""
+    """Where a frame comes from: its file or address, the size of a picture's file, and its time in a video."""
 
     path: Text | None = None
     time_s: Number = None
+    bytes: Count | None = None
 
 
 class FieldRecord(RecordPart):

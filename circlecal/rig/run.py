@@ -12,7 +12,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from circlecal.config import Config, config_digest, suit_pixels
 from circlecal.errors import CirclecalError, InputError
 from circlecal.field import FieldTemplate
 from circlecal.files import is_file, is_folder, read_table, read_text, real_path
+from circlecal.formats.annotation import Flag
 from circlecal.formats.registry import annotation_suffixes
 from circlecal.names import from_cell
 from circlecal.pictures.files import PictureFile, find_frames
@@ -153,7 +154,7 @@ def run_rig(
     if real_path(out) == real_path(results if is_folder(results) else results.parent):
         raise InputError(f"{out}: holds the results of the run; choose another --out")
     template, circle = field_of(config)
-    frames, annotated = [], False
+    frames, said, annotated = [], list[tuple[str, str | None]](), False
     for record in read_records(results):
         _require_same_field(record, template, results)
         if record.track is not None:
@@ -162,6 +163,7 @@ def run_rig(
                 f"{VENUE_NAME} has that camera"
             )
         annotated = annotated or _is_annotated(record)
+        said += [(record.id, record.annotation)] if record.annotation is not None else []
         # what was seen of the frames that are estimated together is read again below: a run may be long
         frames.append(frame_of_record(record, results).without_points())
     unknown = sorted((cameras or {}).keys() - {frame.id for frame in frames})
@@ -174,7 +176,7 @@ def run_rig(
         return {r.id: frame_of_record(r, results) for r in read_records(results) if r.id in wanted}
 
     rigs = estimate_rigs(frames, seen_as, circle, config, cameras, read_frames)
-    task = RigTask(config, tuple(rigs), cameras, mask, convention, annotated)
+    task = RigTask(config, tuple(rigs), cameras, mask, convention, annotated, tuple(said))
     with ResultLog(out, restart) as log:  # a folder of another run stays as it is
         log.take_up(task.digest)
         for old in out.glob("camera-*.yaml"):
@@ -208,6 +210,8 @@ class RigTask:
         As for :func:`run_rig`.
     annotated : bool
         Whether the run's frames come from annotation files.
+    said : tuple of (str, str or None)
+        Frames of which a person said something, and the digests of that.
     """
 
     config: Config
@@ -216,6 +220,7 @@ class RigTask:
     mask: Path | None
     convention: Convention
     annotated: bool
+    said: tuple[tuple[str, str | None], ...] = ()
 
     @property
     def seed(self) -> int:
@@ -229,12 +234,13 @@ class RigTask:
 
     @cached_property
     def digest(self) -> str:
-        """Digest of the configuration and of the cameras that were found."""
+        """Digest of the configuration, of what was given with it, and of the cameras that were found."""
         told = [
             config_digest(self.config),
             self.config.rig.model_dump(mode="json"),
             sorted((self.cameras or {}).items()),
             [(rig.name, rig.used, np.round(rig.state.common, 6).tolist()) for rig in self.rigs],
+            [str(self.mask), self.convention, self.said],
         ]
         return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:12]
 
@@ -245,6 +251,9 @@ class RigTask:
     def record(self, frame: RecordedFrame) -> ResultRecord:
         """The frame's new record; its old one where nothing better was found."""
         template, circle = field_of(self.config)
+        if frame.record.annotation is not None and frame.record.code in get_args(Flag):
+            told = Recalibration(None, None, "a person says that it was not taken by one of them")
+            return _new_record(frame.record, told, template, self.digest)
         seen_as = apply_convention(template, self.convention) if self.annotated else template
         seen = frame_of_record(frame.record, Path(self.source(frame)))
         again = _Again(frame.record, seen, self.config, self.mask, self.convention)
@@ -297,7 +306,7 @@ class _Again:
     def __call__(self, config: Config) -> FrameCalibration | None:
         source = Path(self.record.path or "")
         refused, annotated = self.frame.theta is None, _is_annotated(self.record)
-        from_picture = refused and not annotated and is_file(source)
+        from_picture = refused and not annotated and self.record.annotation is None and is_file(source)
         if from_picture and self.measured is None:
             self.measured = self._look(source, config)
             return None if self.measured is None or _leaves_the_arc(self.measured, config) else self.measured
@@ -376,7 +385,8 @@ def _new_record(record: ResultRecord, found: Recalibration, template: FieldTempl
         reason=found.reason,
         alone=AloneRecord(status=record.status, code=record.code, reason=record.reason),
     )
-    return written.model_copy(update={"source": record.source, "config_digest": digest, "rig": rig})
+    kept = {} if record.annotation is None else {"annotation": record.annotation}
+    return written.model_copy(update={"source": record.source, "config_digest": digest, "rig": rig, **kept})
 
 
 def write_camera(path: Path, rig: Rig, config: Config) -> None:

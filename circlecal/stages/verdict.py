@@ -390,6 +390,9 @@ def _residual_checks(
         checks.append(Check.of("mark_distance_px", seen, max(config.max_mark_distance_px * unit, stated)))
     if cues.mark is not None and MarkingKey(cues.mark.name) in camera.rejected and not camera.named_lines:
         checks.append(Check.of("noise_beside_mark", camera.noise_scale, MOST_NOISE_BESIDE_MARK))
+        # one camera or the other: circle and line alone cannot tell that a picture was cut out of a larger one
+        off_px = float(np.linalg.norm(camera.view.project(np.asarray(circle.center)) - cues.mark.point_px))
+        checks.append(Check.of("mark_distance_px", off_px, config.max_mark_distance_px * unit))
     return checks
 
 

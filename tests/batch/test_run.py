@@ -129,10 +129,14 @@ def test_another_picture_of_one_name_is_told(run_circlecal, in_this_process, fra
     assert outcome.code == 0 and "1 from before" in outcome.err
     outcome = run_circlecal(*command, tmp_path / "second" / "x.png")
     assert outcome.code == 2
-    told = (
-        f"holds the result of {tmp_path / 'first' / 'x.png'}, which has the name of {tmp_path / 'second' / 'x.png'}; "
-    )
-    assert f"{told}use another --out" in outcome.err
+    first, second = (tmp_path / folder / "x.png" for folder in ("first", "second"))
+    assert f"holds the result of {first}, which has the name of {second}; use another --out" in outcome.err
+    # also where the first one is gone, and where its file was replaced
+    first.rename(tmp_path / "moved.png")
+    assert run_circlecal(*command, second).code == 2
+    first.write_bytes(second.read_bytes())
+    outcome = run_circlecal(*command, first)
+    assert outcome.code == 2 and f"holds the result of {first}, which has changed since; " in outcome.err
     assert run_circlecal(*command, tmp_path / "second" / "x.png", "--restart").code in (0, 1)
 
 

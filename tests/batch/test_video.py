@@ -110,6 +110,14 @@ def test_no_video_is_one_line(capfd, tmp_path, content):
     assert not (tmp_path / "out" / RESULTS_NAME).exists()
 
 
+def test_a_video_that_cannot_be_read_leaves_the_other_inputs(run_circlecal, in_this_process, frame_file, tmp_path):
+    (tmp_path / "match.mp4").write_bytes(b"no video")
+    command = "batch", tmp_path / "match.mp4", frame_file, "--out", tmp_path / "out", "--workers", 1
+    outcome = run_circlecal(*command)
+    assert outcome.code == 2 and "match.mp4: is no video" in outcome.err
+    assert "1 calibrated" in outcome.out and (tmp_path / "out" / RESULTS_NAME).is_file()
+
+
 def test_a_video_in_calibrate_and_choices_without_one(run_circlecal, match, frame_file, tmp_path):
     outcome = run_circlecal("calibrate", match, "--out", tmp_path / "out")
     assert outcome.code == 2

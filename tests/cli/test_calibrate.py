@@ -139,6 +139,11 @@ def test_mask_file_and_folder(run_circlecal, frame_file, frame_camera, tmp_path)
     assert [json.loads(line)["id"] for line in outcome.out.splitlines()] == ["good"]
 
 
+def test_a_camera_is_known_from_one_place(run_circlecal, frame_file, tmp_path):
+    known = "--camera-prior", tmp_path / "a.json", "--venue", tmp_path / "venue.yaml"
+    only_error(run_circlecal("calibrate", frame_file, *known, "--out", tmp_path), "--camera-prior and --venue both say")
+
+
 def test_mask_options_that_do_not_fit(run_circlecal, frame_file, blank_file, tmp_path):
     only_error(
         run_circlecal("calibrate", frame_file, "--mask", tmp_path / "none", *QUICK, "--out", tmp_path), "no such mask"

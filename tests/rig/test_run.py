@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -25,7 +26,7 @@ from circlecal.records.writing import failure_record, result_record
 from circlecal.results import Verdict
 from circlecal.rig import run as rig_run
 from circlecal.rig.frames import frame_of_record
-from circlecal.rig.run import read_cameras, run_rig
+from circlecal.rig.run import RigTask, read_cameras, run_rig
 from circlecal.rig.tripod import PLACE
 from circlecal.rig.venue import read_venue
 
@@ -274,6 +275,22 @@ def test_a_folder_of_another_run_stays_as_it_is(records, again, tmp_path):
     (out / "camera-9.yaml").write_text("of a run before")
     run_rig(tmp_path, other, out, restart=True)
     assert (out / "camera-1.yaml").is_file() and not (out / "camera-9.yaml").exists()
+
+
+def test_what_a_person_said_of_a_frame_stands(records, tmp_path):
+    flagged = records[0].model_copy(update={"status": "refused", "code": "other_camera", "annotation": "0123"})
+    named = records[1].model_copy(update={"annotation": "4567"})
+    lines = "".join(result_line(record) + "\n" for record in (flagged, named, *records[2:]))
+    (tmp_path / "results.jsonl").write_text(lines)
+    run_rig(tmp_path, CONFIG, tmp_path / "out")
+    found = {record.id: record for record in read_records(tmp_path / "out")}
+    kept, other = found[flagged.id], found[named.id]
+    assert (kept.status, kept.code, kept.annotation) == ("refused", "other_camera", "0123")
+    assert kept.rig.camera is None and "a person says" in kept.rig.reason
+    assert other.status == "calibrated" and other.annotation == "4567"
+    task = RigTask(CONFIG, (), None, None, "official", False)
+    others = replace(task, mask=tmp_path), replace(task, convention="paint"), replace(task, said=(("0", "0123"),))
+    assert len({task.digest, *(other.digest for other in others)}) == 4
 
 
 def test_a_track_shares_its_camera_already(records, tmp_path):

@@ -488,6 +488,17 @@ def test_a_rejected_mark_is_held_against_a_camera_that_does_not_explain_the_rest
     assert verdict(camera_fit(rejected=("centre_mark",))).status == "calibrated"
     assert verdict(replace(noisy, noise_scale=2.1)).code == "mark_contradicts_circle"
     assert verdict(replace(noisy, noise_scale=1.9)).status == "calibrated"
+
+
+def test_a_rejected_mark_far_from_where_circle_and_line_put_it_is_held_against_them():
+    """Of a picture that was cut out of a larger one circle and line explain everything, with another camera."""
+    rejected = camera_fit(rejected=("centre_mark",))
+    limit_px = CONFIG.max_mark_distance_px * CAMERA.width / 1920.0
+    for off_px, code in ((0.9 * limit_px, None), (1.1 * limit_px, "mark_contradicts_circle")):
+        seen = replace(MARK, point_px=MARK.point_px + np.array([0.0, off_px]))
+        assert verdict(rejected, cues=Cues(LINE, seen)).code == code
+        known = camera_fit(rejected=("centre_mark",), named_lines=("side_line_top",))
+        assert verdict(known, cues=Cues(LINE, seen)).status == "calibrated"
     with_lines = camera_fit(rejected=("centre_mark",), noise_scale=3.7, named_lines=("side_line_top",))
     assert verdict(with_lines).status == "calibrated"
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,8 +12,10 @@ import pytest
 import circlecal
 from circlecal.config import load_config
 from circlecal.pipeline import field_of
+from circlecal.records.cameras_table import write_cameras
 from circlecal.records.json_text import result_line
 from circlecal.records.log import Finished
+from circlecal.records.parts import SourceRecord
 from circlecal.records.record import ResultRecord
 from circlecal.tracking.records import RecordForm, record_of_track
 
@@ -83,3 +87,10 @@ def test_a_covariance_that_is_singular_keeps_its_spread() -> None:
     covariance, wanted = record.camera.covariance.full(), frame.view.covariance
     np.testing.assert_allclose(np.diag(covariance), np.diag(wanted), rtol=1e-3)
     assert np.linalg.eigvalsh(covariance).min() > -1e-12
+
+
+def test_names_are_no_formulas_in_the_table_of_cameras(tmp_path: Path) -> None:
+    record = record_of(3).model_copy(update={"id": "=1+1_00-00-00.120", "source": SourceRecord(path="@clip.mp4")})
+    write_cameras(tmp_path / "cameras.csv", [record])
+    (row,) = csv.DictReader((tmp_path / "cameras.csv").open())
+    assert row["id"] == "'=1+1_00-00-00.120" and not any(cell.startswith(("=", "@")) for cell in row.values())
