@@ -243,12 +243,16 @@ class Calibration:
 
     @property
     def H_image_field(self) -> Array | None:
-        """Homography (3, 3) from field points in metres to undistorted pixels (those of ``cv2.undistort``)."""
+        """Homography (3, 3) from field points in metres to undistorted pixels (those of ``cv2.undistort``).
+
+        The field is the plane level with the centre mark: a crowned pitch falls from it, so that :meth:`to_image` and
+        :meth:`to_field`, which know how far, differ from it towards the touchlines.
+        """
         return _array(self._record.H_image_field)
 
     @property
     def H_field_image(self) -> Array | None:
-        """Homography (3, 3) from undistorted pixels to field points in metres."""
+        """Homography (3, 3) from undistorted pixels to field points on the plane of :attr:`H_image_field`, metres."""
         return _array(self._record.H_field_image)
 
     # --- the camera

@@ -121,6 +121,8 @@ def batch(
     run = replace(run, out=out if files else None, annotations=annotations or out / ANNOTATION_FOLDER)
     counts = _calibrate(work, run, out, workers=workers, scheduler=scheduler, restart=restart, quiet=quiet)
     refused, final = counts.refused, out
+    if files and not quiet and counts.resumed == counts.finished > 0 and not any(out.glob("*.json")):
+        console.print_note(f"{out}: its frames were done before, without files of their own; --restart writes them")
     if not rig or not as_json:
         _print_counts(counts, out / RESULTS_NAME, as_json=as_json, quiet=quiet)
     if rig:

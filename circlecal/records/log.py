@@ -188,6 +188,8 @@ class ResultLog:
             for _, line in self._lines(0):
                 name = json.loads(line)["id"] if line.endswith(b"\n") else None
                 file.write(lines.get(name, line) if name is not None else line)
+            file.flush()
+            os.fsync(file.fileno())
         os.close(self._descriptor)
         self._descriptor = os.open(self.path, _APPEND, 0o666)
         status = os.fstat(self._descriptor)

@@ -119,6 +119,15 @@ def test_other_inputs_for_all_frames_are_another_run(run_circlecal, in_this_proc
     assert FrameRun(Config(), mask=masks).digest != masked
 
 
+def test_files_that_a_finished_run_does_not_have_are_told(run_circlecal, in_this_process, frame_file, tmp_path):
+    command = "batch", frame_file, "--out", tmp_path / "out", "--workers", 1
+    run_circlecal(*command)
+    outcome = run_circlecal(*command, "--files")
+    assert "its frames were done before, without files of their own; --restart writes them" in outcome.err
+    assert run_circlecal(*command, "--files", "--restart").code == 0
+    assert "done before" not in run_circlecal(*command, "--files").err
+
+
 def test_another_picture_of_one_name_is_told(run_circlecal, in_this_process, frame_file, tmp_path):
     for folder, step in (("first", 1), ("copy", 1), ("second", 2)):
         (tmp_path / folder).mkdir()
