@@ -20,6 +20,7 @@ from circlecal.overlay.canvas import Canvas, clip_segments, text_size, wrap
 from circlecal.overlay.frame_overlay import legend_of
 from circlecal.overlay.palette import CIRCLE, TEMPLATE
 from circlecal.overlay.quality import SCALE, rate_sigma
+from circlecal.overlay.radar import radar_half
 from circlecal.overlay.template_lines import count_sigma_from_seen, sigma_over_picture
 from circlecal.results import (
     Attempt,
@@ -462,6 +463,13 @@ def test_radar_shows_the_field_from_above(monkeypatch):
     np.testing.assert_allclose(found, (370 + 40, 555 + 60), atol=2.0)
     monkeypatch.setattr("circlecal.overlay.radar._LARGEST_PX", 600)
     assert overlay.draw_radar(image, calibration, SOCCER, px_per_m=1e9).shape == (400, 600, 3)
+
+
+def test_the_view_from_above_has_room_for_a_longer_pitch():
+    view = FieldView(_camera())
+    usual = radar_half(SOCCER)
+    for growth_m, more_m in (((2.0, 2.0), (0.0, 0.0)), ((13.0, -4.0), (4.5, 0.0))):
+        np.testing.assert_allclose(radar_half(SOCCER, replace(view, growth_m=np.array(growth_m))), usual + more_m)
 
 
 def test_verdict_is_told_apart_without_colours(complete):

@@ -14,6 +14,8 @@ from circlecal.overlay.palette import CIRCLE, TEMPLATE
 from circlecal.results import FrameCalibration
 
 _BORDER_M = 3.0
+_LEAST_BORDER_SHARE = 1 / 3
+"""Of that border, which is left beside a field that is larger than its template's."""
 _UNSEEN = (52, 44, 40)
 _LARGEST_PX = 4096
 _COARSE = 6
@@ -96,9 +98,10 @@ def _find_visible_cells(view: FieldView, grid: Array) -> Mask:
 
 
 def radar_half(template: FieldTemplate, view: FieldView | None = None) -> Array:
-    """Half the length and width (2,) of what a radar picture covers, metres: the field, as long and broad as the view
-    has it where that is larger than the template's, and a border.
+    """Half the length and width (2,) of what a radar picture covers, metres: the template's field and a border, in
+    which other sizes have room, and more where the view has a field that needs it.
     """
     border = _BORDER_M * min(1.0, template.length_m / 60.0)
-    growth_m = np.zeros(2) if view is None else np.maximum(view.growth_m, 0.0)
-    return (np.array([template.length_m, template.width_m]) + growth_m) / 2 + border
+    half = np.array([template.length_m, template.width_m]) / 2
+    growth_m = np.zeros(2) if view is None else view.growth_m / 2
+    return half + np.maximum(border, growth_m + _LEAST_BORDER_SHARE * border)
