@@ -64,8 +64,8 @@ def calibrate(
         Options over the configuration, such as ``{"camera.roll_sd_deg": 1, "seed": 3}``.
     mask : array or path, optional
         Where the markings are: binary (all of them, or the circle alone), SoccerNet class ids or SoccerNet palette,
-        any size. What it has no lines for is looked for in the picture. Without one the built-in
-        detector looks for them (a mask file beside the picture is not looked for).
+        any size. What it has no lines for is looked for in the picture. Without one the built-in detector looks for
+        them (a mask file beside the picture is not looked for).
     points : mapping or path, optional
         What is known of the picture already, as for :func:`calibrate_points` but in one mapping, or a file of
         annotations or keypoints.

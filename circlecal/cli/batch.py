@@ -220,23 +220,20 @@ def _digest_annotations(work: _Work, folder: Path | None, out: Path) -> dict[str
     from circlecal.errors import InputError
     from circlecal.formats.annotation import digest_annotations, find_annotation
     from circlecal.pictures.files import PictureFile
+    from circlecal.pictures.video import clip_of
     from circlecal.records.log import RESULTS_NAME, read_records
     from circlecal.records.record import ResultRow
 
     clips = {video.name for video in work.videos}
     before = read_records(out, ResultRow) if clips and (out / RESULTS_NAME).is_file() else ()
-    told: dict[str, str | None] = {row.id: None for row in before if row.annotation and _clip_of(row.id) in clips}
-    told |= {name: digest for name, digest in digest_annotations(folder).items() if _clip_of(name) in clips}
+    told: dict[str, str | None] = {row.id: None for row in before if row.annotation and clip_of(row.id) in clips}
+    told |= {name: digest for name, digest in digest_annotations(folder).items() if clip_of(name) in clips}
     for frame in work.frames:
         if isinstance(frame, PictureFile):
             with suppress(InputError):  # a damaged one is told with its frame
                 stored = find_annotation(folder, frame.id, frame.path if frame.url is None else None)
                 told[frame.id] = None if stored is None else stored.digest
     return told
-
-
-def _clip_of(frame_id: str) -> str:
-    return frame_id.rpartition("_")[0]
 
 
 def _write_further(

@@ -119,10 +119,11 @@ def _write_further(
 
     from circlecal.cli import console
     from circlecal.formats.exports import export_records
+    from circlecal.pictures.video import clip_of
     from circlecal.pipeline import field_of
     from circlecal.records.parquet import PARQUET_NAME, write_parquet
     from circlecal.tracking.overlay_video import OVERLAY_NAME, write_overlay_video
-    from circlecal.tracking.run import clip_of, records_in_order
+    from circlecal.tracking.run import records_in_order
 
     template, circle = field_of(run.config)
     if exports.targets:

@@ -9,9 +9,8 @@ conversions to metres about the centre mark are in use, and they do not agree by
     A pitch of 105 x 68 m: yards = 1.09361 (metres + (52.5, 34)), so the template is 114.83 x 74.37 yards.
 
 Pixels are taken as ours at 1280x720; pictures of other sizes are stretched to it corner to corner, and back where their
-size is given. There is no room for
-a lens: what is written is the homography nearest to lens and surface over the field in view. A refused frame has no
-file.
+size is given. There is no room for a lens: what is written is the homography nearest to lens and surface over the field
+in view. A refused frame has no file.
 """
 
 from __future__ import annotations

@@ -109,6 +109,11 @@ def frame_id(name: str, time_s: float) -> str:
     return f"{name}_{hours:02d}-{minutes:02d}-{seconds:02d}.{milliseconds:03d}"
 
 
+def clip_of(identifier: str) -> str:
+    """Name of the clip of a frame of a video, from the frame's own; see :func:`frame_id`."""
+    return identifier.rpartition("_")[0]
+
+
 def frame_time(identifier: str) -> float:
     """Time in seconds of a frame by its name, to a millisecond; see :func:`frame_id`.
 

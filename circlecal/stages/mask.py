@@ -148,8 +148,12 @@ def _look_beyond_mask(
         return marking, refusal
     seen, nothing_seen = marking_from_detection(detect(image, config.detector, rng, gray))
     if refusal is not None:
-        is_shown = nothing_seen is None and seen.conic is not None and is_binary(marking.classes)
-        if is_shown and seen.conic is not None and is_marked(seen.conic, marking.classes):
+        if (
+            nothing_seen is None
+            and seen.conic is not None
+            and is_binary(marking.classes)
+            and is_marked(seen.conic, marking.classes)
+        ):
             return seen, None
         shown = seen.lines if seen.halfway is None else (*seen.lines, seen.halfway)
         return replace(seen, conic=None, halfway=None, lines=shown, arcs=(), candidates=()), refusal

@@ -21,7 +21,7 @@ from circlecal.batch import SUMMARY_NAME, BatchProgress
 from circlecal.errors import InputError
 from circlecal.field import FieldTemplate
 from circlecal.files import are_different, is_file
-from circlecal.pictures.video import Video, frame_time
+from circlecal.pictures.video import Video, clip_of, frame_time
 from circlecal.pipeline import field_of
 from circlecal.records.cameras_table import CAMERAS_NAME, write_cameras
 from circlecal.records.json_text import GIVE_A_RESULT, parse_record
@@ -133,11 +133,6 @@ def run_track(
                 write_cameras(out / CAMERAS_NAME, records_in_order(out))
         report.progress.total = report.progress.finished
     return report
-
-
-def clip_of(frame_id: str) -> str:
-    """Name of the clip of a tracked frame, from the frame's own."""
-    return frame_id.rpartition("_")[0]
 
 
 def _venue_path(out: Path, video: Video, is_alone: bool, restart: bool) -> Path:
