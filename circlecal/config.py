@@ -304,6 +304,20 @@ MODEL_KEYS = (("mask", "model"), ("keypoints", "model"), ("keypoints", "lines_mo
 """The keys that name files of networks."""
 
 
+def absolute_files(config: Config) -> Config:
+    """The configuration as a process with another working folder must have it: its template and networks named by
+    their whole paths.
+    """
+    own_template = [("field", "template")] if config.field.template.endswith((".yaml", ".yml")) else []
+    changes: dict[str, Any] = {}
+    for name, key in (*own_template, *MODEL_KEYS):
+        section = changes.get(name, getattr(config, name))
+        file = getattr(section, key)
+        if file is not None:
+            changes[name] = section.model_copy(update={key: str(Path(file).absolute())})
+    return config.model_copy(update=changes)
+
+
 def _resolve_files(content: dict[str, Any], folder: Path) -> None:
     """A template or a network's file named in a configuration file lies relative to that file."""
     for name, key in (("field", "template"), *MODEL_KEYS):

@@ -29,6 +29,7 @@ from circlecal.pictures.files import (
     DEBUG_SUFFIX,
     OVERLAY_SUFFIX,
     RADAR_SUFFIX,
+    STAGE_SHEET,
     PictureFile,
     decode_picture,
     read_image,
@@ -204,7 +205,7 @@ class FrameRun:
                 template = calibration.template or template
                 circle = template.circle_by_name.get(calibration.circle_name, circle)
                 self.exports.add(record, template, circle, picture_name(frame.id, str(frame.path)))
-        record = _tell_size(record, frame)
+        record = tell_size(record, frame)
         if self.out is not None:
             write_outputs(picture, calibration, record, self.config, self.out)
         return record
@@ -306,14 +307,14 @@ def write_stage_pictures(
     verdict = calibration.verdict
     title = f"{calibration.id}: {verdict.status}{f' ({verdict.reason})' if verdict.reason else ''}"
     written: list[Path] = []
-    for name, picture in {**pictures, "contact-sheet": overlay.contact_sheet(pictures, title)}.items():
+    for name, picture in {**pictures, STAGE_SHEET: overlay.contact_sheet(pictures, title)}.items():
         path = folder / f"{name}.jpg"
         write_image(path, picture, jpeg_quality)
         written.append(path)
     return written
 
 
-def _tell_size(record: ResultRecord, frame: PictureFile | FrameOfFile) -> ResultRecord:
+def tell_size(record: ResultRecord, frame: PictureFile | FrameOfFile) -> ResultRecord:
     """The record with the size of the picture's file, by which a later start knows another one of its name."""
     is_file = isinstance(frame, PictureFile) and frame.time_s is None and frame.url is None
     size = file_size(frame.path) if is_file else None

@@ -14,8 +14,9 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from circlecal.batch.frames import FrameRun, calibrate_frame, write_outputs
+from circlecal.batch.frames import FrameRun, calibrate_frame, tell_size, write_outputs
 from circlecal.config import AUTO, Config, suit_config
 from circlecal.field import load_field
 from circlecal.paint.colour import match_paint
@@ -25,9 +26,11 @@ from circlecal.pictures.limits import LimitsConfig
 from circlecal.pictures.remote import is_url
 from circlecal.pictures.video import Video, pictures_at
 from circlecal.pipeline import field_of
+from circlecal.records.json_text import write_result
 from circlecal.records.parts import AloneRecord, LearntRecord
 from circlecal.records.record import ResultRecord, ResultRow
 from circlecal.records.writing import result_record
+from circlecal.results import FrameCalibration
 from circlecal.stages.mask import tell_paint
 
 
@@ -57,10 +60,11 @@ class Lesson:
 
 @dataclass(frozen=True, slots=True)
 class RefusedFrame:
-    """A frame that is calibrated again, by its record."""
+    """A frame that is calibrated again, by its record, and what it is told."""
 
     id: str
     record: ResultRecord
+    lesson: Lesson
 
     @property
     def time_s(self) -> float | None:
@@ -103,7 +107,10 @@ def _agree(told: list[tuple[str, Colour]], least: int) -> Lesson | None:
 def _group_of(row: ResultRow) -> str:
     """What a frame shares its field with: the video, or the other pictures of its folder."""
     path, time_s = row.path or "", None if row.source is None else row.source.time_s
-    return path if time_s is not None else path.rpartition("/")[0] if is_url(path) else str(Path(path).parent)
+    if is_url(path):
+        return path.rpartition("/")[0]
+    file = Path(path).absolute()  # one run may name its files from the working folder, and whole after a stop
+    return str(file if time_s is not None else file.parent)
 
 
 @dataclass(frozen=True)
@@ -147,7 +154,7 @@ class LearnedRun:
             alone = record.status if told is None else told.alone.status
             is_open = alone == "refused" and record.stage != "input" and record.annotation is None
             if lesson is not None and is_open and (told is None or _differ(told, lesson)):
-                yield RefusedFrame(record.id, record)
+                yield RefusedFrame(record.id, record, lesson)
 
     def record(self, frame: RefusedFrame) -> ResultRecord:
         """The frame's record with what it was told; that of the frame alone where it does not help.
@@ -157,16 +164,12 @@ class LearnedRun:
         InputError
             The picture cannot be read any more, or a file cannot be written.
         """
-        lesson, told = self.lessons[_group_of(frame.record)], frame.record.learnt
+        lesson, told = frame.lesson, frame.record.learnt
         file = _find_file(frame)
-        again = self._calibrate(file, self._tell(lesson))
-        taken = again.status == "calibrated" and _shows(again, lesson)
-        if taken:
-            record = again
-        elif told is not None and told.taken:  # told something else, which no longer holds
-            record = self._calibrate(file, self.run.config)
-        else:
-            record = frame.record
+        answer: _Answer | None = self._calibrate(file, self._tell(lesson))
+        taken = answer is not None and answer.record.status == "calibrated" and _shows(answer.record, lesson)
+        if not taken:  # told something else before that no longer holds, or it stays as it was
+            answer = self._calibrate(file, self.run.config) if told is not None and told.taken else None
         before = frame.record if told is None else told.alone
         learnt = LearntRecord(
             field=lesson.field,
@@ -175,7 +178,13 @@ class LearnedRun:
             taken=taken,
             alone=AloneRecord(status=before.status, code=before.code, reason=before.reason),
         )
-        return record.model_copy(update={"learnt": learnt, "config_digest": self.digest})
+        record = tell_size(frame.record if answer is None else answer.record, file)
+        record = record.model_copy(update={"learnt": learnt, "config_digest": self.digest})
+        if self.run.out is not None and answer is None:
+            write_result(self.run.out / f"{frame.id}.json", record)
+        elif self.run.out is not None and answer is not None:
+            write_outputs(answer.picture, answer.found, record, answer.config, self.run.out)
+        return record
 
     def _tell(self, lesson: Lesson) -> Config:
         """The configuration of a frame that is told the field and the colour of its paint."""
@@ -185,13 +194,21 @@ class LearnedRun:
             return chosen
         return chosen.model_copy(update={"mask": tell_paint(chosen.mask, lesson.added_bgr)})
 
-    def _calibrate(self, file: PictureFile, config: Config) -> ResultRecord:
+    def _calibrate(self, file: PictureFile, config: Config) -> _Answer:
         picture, found = calibrate_frame(file, config, None)
         template = found.template or field_of(config)[0]
         record = result_record(found, template, time_s=file.time_s, digest=self.digest)
-        if self.run.out is not None and found.status == "calibrated":
-            write_outputs(picture, found, record, config, self.run.out)
-        return record
+        return _Answer(picture, found, record, config)
+
+
+@dataclass(frozen=True, slots=True)
+class _Answer:
+    """A frame that was calibrated again: its picture, the calibration, its record, and under which configuration."""
+
+    picture: NDArray[np.uint8]
+    found: FrameCalibration
+    record: ResultRecord
+    config: Config
 
 
 def learn_from(run: object, rows: Iterable[ResultRow]) -> LearnedRun | None:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sized
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
 from circlecal.batch.learning import LearnedRun, learn_from
 from circlecal.batch.task import FAILED_CODES, F, Task
 from circlecal.files import are_different, file_size
+from circlecal.pictures.files import PictureFile
+from circlecal.pictures.remote import is_url
 from circlecal.records.index import ResultIndex
 from circlecal.records.log import START_OVER, Finished, OtherRunError, ResultLog, read_records
 from circlecal.records.record import ResultRow
@@ -188,20 +190,31 @@ def _drop_frames(log: ResultLog, digest: str, names: Collection[str]) -> None:
 def _require_own(frames: Iterable[F], task: Task[F], log: ResultLog) -> Iterator[F]:
     """The frames, of which none has the name of another one among the first that the folder holds.
 
+    A picture that the folder holds under another name, since others of its name were not yet given, keeps that.
+
     Raises
     ------
     OtherRunError
         One has: its file is still there, and is another one.
     """
     first = islice(read_records(log.path, ResultRow), FIRST_ROWS) if len(log.index) > 0 else ()
-    sources = {row.id: (row.path, row.source.bytes) for row in first if row.source is not None}
+    rows = {row.id: row.source for row in first if row.source is not None and row.source.path is not None}
+    pictures = {_place(row.path): name for name, row in rows.items() if row.time_s is None and row.path is not None}
     for frame in frames:
-        (before, size), source = sources.get(frame.id, (None, None)), task.source(frame)
-        now = None if size is None else file_size(source)
-        if before is not None and (now != size if now is not None else are_different(before, source)):
-            told = "which has changed since" if before == source else f"which has the name of {source}"
-            raise OtherRunError(f"{log.path.parent}: holds the result of {before}, {told}; {START_OVER}")
+        row, source = rows.get(frame.id), task.source(frame)
+        if row is not None and row.path is not None:
+            now = None if row.bytes is None else file_size(source)
+            if now != row.bytes if now is not None else are_different(row.path, source):
+                told = "which has changed since" if row.path == source else f"which has the name of {source}"
+                raise OtherRunError(f"{log.path.parent}: holds the result of {row.path}, {told}; {START_OVER}")
+        elif isinstance(frame, PictureFile) and frame.time_s is None and _place(source) in pictures:
+            frame = replace(frame, id=pictures[_place(source)])
         yield frame
+
+
+def _place(path: str) -> str:
+    """A picture by its whole path, or its URL."""
+    return path if is_url(path) else str(Path(path).absolute())
 
 
 def _skip_finished(

@@ -83,6 +83,7 @@ def batch(
     from circlecal.batch.frames import FrameRun
     from circlecal.cli import console
     from circlecal.cli.rig import RIG_FOLDER, estimate_shared_cameras
+    from circlecal.config import absolute_files
     from circlecal.formats.annotation import ANNOTATION_FOLDER
     from circlecal.pictures.inputs import absolute_input
     from circlecal.records.log import RESULTS_NAME
@@ -105,6 +106,7 @@ def batch(
         max_bytes=max_bytes,
         tells_field=not rig,
     )
+    chosen = chosen if scheduler is None else absolute_files(chosen)
     exports = options.choose_exports(to, eval_size)
     options.require_export_field(to, chosen)
     run = FrameRun(
@@ -118,6 +120,8 @@ def batch(
     failures: list[Exception] = []
     work = _choose_work(inputs, run, out, every, start, end, failures)
     out = options.folder_of_run(out, run.digest, ask=console.can_ask() and not quiet, restart=restart)
+    if files:
+        exports.into(out).require_apart(frame.id for frame in work.frames)
     run = replace(run, out=out if files else None, annotations=annotations or out / ANNOTATION_FOLDER)
     counts = _calibrate(work, run, out, workers=workers, scheduler=scheduler, restart=restart, quiet=quiet)
     refused, final = counts.refused, out

@@ -83,6 +83,7 @@ def calibrate(
     frames = choose_inputs(inputs, run, out, console.error_reporter(failures))
     if not failures:
         require_frames(inputs, frames)
+    exports.require_apart(frame.id for frame in frames)
     prepare_folder(out)
     summaries: list[FrameSummary] = []
     hints = SportHints()

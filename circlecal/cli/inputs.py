@@ -176,7 +176,7 @@ def choose_frames_and_videos(
     from circlecal.errors import InputError
     from circlecal.files import is_folder
     from circlecal.formats.registry import annotation_suffixes
-    from circlecal.pictures.files import PictureFile, distinct_names
+    from circlecal.pictures.files import NoFramesError, PictureFile, distinct_names
     from circlecal.pictures.inputs import expand_inputs
     from circlecal.pictures.remote import url_names
     from circlecal.pictures.video import Video
@@ -195,7 +195,12 @@ def choose_frames_and_videos(
         if videos and path is not None and not is_folder(path):
             raise InputError(f"{path}: is one file for all frames of a video; give a folder of files named like them")
     alone = (named.videos or named.urls) and not named.paths
-    frames = [] if alone else _frames_of(named.paths, run, out, report)
+    try:
+        frames = [] if alone else _frames_of(named.paths, run, out, report)
+    except NoFramesError:
+        if not videos:  # in a folder of videos lies what was written of them
+            raise
+        frames = []
     ids = url_names(named.urls, [frame.id for frame in frames])
     frames += [PictureFile(name, Path(name), name, url=url) for name, url in zip(ids, named.urls, strict=True)]
     return frames, videos

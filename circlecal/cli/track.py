@@ -58,7 +58,7 @@ def track(
 ) -> None:
     """Find the camera of every frame of a clip, from its tripod; run it again to go on after a stop."""
     from circlecal.cli import console
-    from circlecal.config import AUTO
+    from circlecal.config import AUTO, absolute_files
     from circlecal.formats.annotation import ANNOTATION_FOLDER
     from circlecal.pictures.inputs import absolute_input
     from circlecal.pictures.video import Sampling
@@ -73,6 +73,7 @@ def track(
         inputs, out = [absolute_input(name) for name in inputs], out.absolute()
         annotations = None if annotations is None else annotations.absolute()
     chosen = options.choose_config(config, settings, field, seed, tells_field=venue is None)
+    chosen = chosen if scheduler is None else absolute_files(chosen)
     known = None if venue is None else read_venue(venue, field_of(chosen)[0])
     sampling, exports = Sampling.parse(every or DEFAULT_EVERY, start, end), options.choose_exports(to, eval_size)
     failures: list[Exception] = []

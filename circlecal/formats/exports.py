@@ -90,6 +90,24 @@ class Exports:
         self._refused: list[AnnotatedFrame] = []
         self.written: list[Path] = []
 
+    def require_apart(self, ids: Iterable[str]) -> None:
+        """See that no file of another program has the name of a frame's own result in the folder, ``<id>.json``.
+
+        Raises
+        ------
+        InputError
+            One has.
+        """
+        results = {f"{as_stem(frame_id)}.json".casefold(): frame_id for frame_id in ids}
+        for frame_id in results.values():
+            for form in self._targets:
+                for path in _files_of(form, frame_id, self._folder):
+                    if path.name.casefold() in results:
+                        raise InputError(
+                            f"{path}: would hold the result of {results[path.name.casefold()]}, and what --to "
+                            f"{form.name} writes of {frame_id}; rename the picture, or use one --out for each"
+                        )
+
     def add(
         self,
         record: ResultRecord,
@@ -137,8 +155,7 @@ class Exports:
         self._refused.append(measured)
         for form in self._targets:
             if form.per_frame:
-                tag = "" if isinstance(form, CameraFormat) else _tag(form)
-                remove_file(_path_of(form, measured.id, self._folder, tag))
+                remove_file(_files_of(form, measured.id, self._folder)[0])
         # a format of cameras has an annotation of the same name that goes with it, or none
         own = [annotation_formats().get(t.name) if isinstance(t, CameraFormat) else t for t in self._targets]
         for target in own if measured.shapes else ():
@@ -407,6 +424,19 @@ def _tag(target: AnnotationFormat) -> str:
 def _path_of(target: AnnotationFormat | CameraFormat, frame_id: str, folder: Path, tag: str = "") -> Path:
     """File of a frame in a format of one file for each; ``tag`` follows the id in its name."""
     return folder / target.file_name.format(id=f"{as_stem(frame_id)}{tag}")
+
+
+def _files_of(form: AnnotationFormat | CameraFormat, frame_id: str, folder: Path) -> list[Path]:
+    """What a format may write of a frame beside its result: the file of its calibration, and of a frame that is refused
+    the one of what was measured.
+    """
+    if not form.per_frame:
+        return [folder / form.file_name]
+    if isinstance(form, AnnotationFormat):
+        return [_path_of(form, frame_id, folder, _tag(form))]
+    measured = annotation_formats().get(form.name)
+    of_refused = [] if measured is None else [_path_of(measured, frame_id, folder, _tag(measured))]
+    return [_path_of(form, frame_id, folder), *of_refused]
 
 
 def _write(contents: dict[Path, bytes]) -> list[Path]:

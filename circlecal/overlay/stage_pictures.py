@@ -18,6 +18,7 @@ from circlecal.overlay.derived import (
 from circlecal.overlay.frame_overlay import check_size
 from circlecal.overlay.measured import cues_picture, edges_picture, ellipse_picture, mask_picture, rays_picture
 from circlecal.overlay.palette import WHITE
+from circlecal.pictures.files import LAST_STAGE
 from circlecal.results import FrameCalibration
 
 _LEAST_WIDTH = 1280.0
@@ -67,7 +68,7 @@ def stage_pictures(image: Picture, calibration: FrameCalibration, template: Fiel
         if plane is None
         else lambda: homography_picture(image, plane, found, template, circle, zoom),
         "08-camera": None if camera is None else lambda: camera_picture(image, camera, c, template, zoom),
-        "09-verdict": lambda: verdict_picture(image, c, template, zoom),
+        LAST_STAGE: lambda: verdict_picture(image, c, template, zoom),
     }
     return {name: draw() for name, draw in stages.items() if draw is not None}
 

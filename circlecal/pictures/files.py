@@ -9,7 +9,7 @@ import os
 import re
 import zlib
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -31,6 +31,9 @@ OVERLAY_SUFFIX, RADAR_SUFFIX, DEBUG_SUFFIX = ".overlay.jpg", ".radar.jpg", ".deb
 REPORT_FOLDER = "circlecal-report"
 _DIGITS = re.compile(r"([0-9]+)")
 OWN_FOLDERS = ("circlecal-out", "circlecal-debug", "circlecal-track", "circlecal-rig", REPORT_FOLDER)
+STAGE_SHEET = "contact-sheet"
+LAST_STAGE = "09-verdict"
+"""The two pictures that every folder of stages has, whatever its name is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +81,10 @@ class PictureFile:
         return self.path.name if self.time_s is None and self.url is None else self.id
 
 
+class NoFramesError(InputError):
+    """Inputs that hold nothing to calibrate."""
+
+
 def find_frames(inputs: Sequence[str | Path], exclude: Sequence[Path] = ()) -> list[PictureFile]:
     """Frames among files and folders, each once, in a fixed order.
 
@@ -96,7 +103,9 @@ def find_frames(inputs: Sequence[str | Path], exclude: Sequence[Path] = ()) -> l
     Raises
     ------
     InputError
-        Missing input, unreadable folder, or nothing to calibrate.
+        Missing input or unreadable folder.
+    NoFramesError
+        Nothing to calibrate.
     """
     excluded = {real_path(path) for path in exclude}
     found: dict[Path, tuple[Path, Path]] = {}
@@ -113,7 +122,7 @@ def find_frames(inputs: Sequence[str | Path], exclude: Sequence[Path] = ()) -> l
     if not found:
         named = ", ".join(str(given) for given in inputs)
         what = "only masks" if masks else f"no pictures ({', '.join(PICTURE_SUFFIXES)})"
-        raise InputError(f"{named}: {what} found; give pictures or a folder of pictures")
+        raise NoFramesError(f"{named}: {what} found; give pictures or a folder of pictures")
     return _assign_ids(list(found.values()))
 
 
@@ -130,25 +139,33 @@ def _pictures_of(given: Path) -> Iterator[tuple[Path, Path]]:
             yield path, relative
 
 
-def walk(folder: Path) -> Iterator[Path]:
+def walk(folder: Path, above: Collection[Path] = ()) -> Iterator[Path]:
     """Files of a folder at any depth, in the order of their names, but hidden ones and what circlecal writes.
+
+    Links to folders are followed, but not to one of the folders ``above`` that they lie in.
 
     Raises
     ------
     InputError
         A folder cannot be read.
     """
+    inside = (*above, real_path(folder))
+    if inside[-1] in above:
+        return
     try:
         entries = sorted(folder.iterdir(), key=lambda entry: entry.name)
     except OSError as error:
         raise InputError(f"{folder}: cannot be read: {error.strerror}; check its permissions") from error
+    names = {entry.stem for entry in entries}
+    if {STAGE_SHEET, LAST_STAGE} <= names:
+        return
     for entry in entries:
         if entry.name.startswith("."):
             continue
         if not is_folder(entry):
             yield entry
-        elif entry.name not in OWN_FOLDERS and entry.suffix != DEBUG_SUFFIX and not entry.is_symlink():
-            yield from walk(entry)
+        elif entry.name not in OWN_FOLDERS and entry.suffix != DEBUG_SUFFIX:
+            yield from walk(entry, inside)
 
 
 def _is_mask(path: Path, given: Path) -> bool:
@@ -182,6 +199,15 @@ def _assign_ids(found: Sequence[tuple[Path, Path]]) -> list[PictureFile]:
 
 def _short_id(relative: Path) -> str:
     return "__".join(relative.with_suffix("").parts)
+
+
+def path_in_folder(frame_id: str, path: Path) -> str:
+    """Path without suffix of a picture relative to the folder in which it was found, from its id; its stem where the
+    id, which others shared, does not tell.
+    """
+    whole = path.absolute().with_suffix("")
+    of_depth = (Path(*whole.parts[-depth:]) for depth in range(1, len(whole.parts)))
+    return next((p.as_posix() for p in of_depth if as_stem("__".join(p.parts)) == frame_id), whole.name)
 
 
 def _longer_ids(path: Path, relative: Path) -> list[str]:

@@ -5,15 +5,13 @@ What a cell cannot hold, such as observations and covariances, stays in ``result
 
 from __future__ import annotations
 
-import contextlib
-import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from circlecal.errors import MissingExtraError
-from circlecal.files import write_error
+from circlecal.files import replacement
 from circlecal.names import as_text
 from circlecal.records.parts import Number
 from circlecal.records.record import ResultRecord
@@ -77,7 +75,7 @@ _COLUMNS: dict[str, tuple[str, _Read]] = {
     "crown_m": ("double", _of("camera", "crown_m")),
     "imaged_center_x_px": ("double", _of("imaged_center", 0)),
     "imaged_center_y_px": ("double", _of("imaged_center", 1)),
-    "max_sigma_px": ("double", lambda record: summarise(record).sigma_px),
+    "max_sigma_px": ("double", _of("camera", "max_sigma_px")),
     "max_sigma_m": ("double", _of("camera", "max_sigma_m")),
     "rms_px": ("double", lambda record: summarise(record).rms_px),
     "time_ms": ("double", lambda record: summarise(record).time_ms),
@@ -137,22 +135,9 @@ def write_parquet(records: Iterable[ResultRecord], path: Path) -> Path:
         (name, kinds[kind] if kind in kinds else pyarrow.type_for_alias(kind)) for name, (kind, _) in _COLUMNS.items()
     ]
     schema = pyarrow.schema(fields)
-    temporary: Path | None = None
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(prefix=f".{path.name}.", dir=path.parent, delete=False) as file:
-            temporary = Path(file.name)
-            with pyarrow.parquet.ParquetWriter(file, schema, compression="zstd") as writer:
-                for rows in _chunks(records):
-                    writer.write_table(pyarrow.Table.from_pydict(rows, schema))
-        temporary.chmod(0o644)
-        temporary.replace(path)
-    except OSError as error:
-        raise write_error(path, error) from error
-    finally:
-        if temporary is not None:
-            with contextlib.suppress(OSError):
-                temporary.unlink(missing_ok=True)
+    with replacement(path) as temporary, pyarrow.parquet.ParquetWriter(temporary, schema, compression="zstd") as writer:
+        for rows in _chunks(records):
+            writer.write_table(pyarrow.Table.from_pydict(rows, schema))
     return path
 
 

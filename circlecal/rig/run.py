@@ -25,8 +25,9 @@ from circlecal.files import is_file, is_folder, read_table, read_text, real_path
 from circlecal.formats.annotation import Flag
 from circlecal.formats.registry import annotation_suffixes
 from circlecal.names import from_cell
-from circlecal.pictures.files import PictureFile, find_frames
+from circlecal.pictures.files import PictureFile, path_in_folder
 from circlecal.pictures.limits import LimitsConfig
+from circlecal.pictures.remote import is_url
 from circlecal.pictures.video import pictures_at
 from circlecal.pipeline import Convention, apply_convention, field_of, run_observations
 from circlecal.records.camera_prior import write_prior
@@ -58,6 +59,8 @@ class RigReport:
         Frames of each camera by name, recalibrated ones.
     gained, kept : list of str
         Frames that were refused alone and succeed now; frames that stay as they were although calibrated.
+    missing : list of str
+        Files of refused frames that are not there, so that these could not be looked at again.
     """
 
     rigs: list[Rig] = field(default_factory=list)
@@ -67,6 +70,7 @@ class RigReport:
     by_camera: dict[str, list[str]] = field(default_factory=dict)
     gained: list[str] = field(default_factory=list)
     kept: list[str] = field(default_factory=list)
+    missing: list[str] = field(default_factory=list)
 
     def count(self, record: ResultRow) -> None:
         """Take a frame's new record into the counts."""
@@ -106,6 +110,7 @@ class RigReport:
             "calibrated": self.calibrated,
             "gained": self.gained,
             "kept": self.kept,
+            "missing": self.missing,
             "cameras": cameras,
         }
 
@@ -154,7 +159,7 @@ def run_rig(
     if real_path(out) == real_path(results if is_folder(results) else results.parent):
         raise InputError(f"{out}: holds the results of the run; choose another --out")
     template, circle = field_of(config)
-    frames, said, annotated = [], list[tuple[str, str | None]](), False
+    frames, said, missing, annotated = [], list[tuple[str, str | None]](), list[str](), False
     for record in read_records(results):
         _require_same_field(record, template, results)
         if record.track is not None:
@@ -164,6 +169,7 @@ def run_rig(
             )
         annotated = annotated or _is_annotated(record)
         said += [(record.id, record.annotation)] if record.annotation is not None else []
+        missing += [] if _is_there(record) else [str(record.path)]
         # what was seen of the frames that are estimated together is read again below: a run may be long
         frames.append(frame_of_record(record, results).without_points())
     unknown = sorted((cameras or {}).keys() - {frame.id for frame in frames})
@@ -186,7 +192,7 @@ def run_rig(
         write_venue(out / VENUE_NAME, venue_of_rigs(rigs, template.name), template)
     again = (RecordedFrame(record.id, record) for record in read_records(results))
     run_batch(again, task, out, workers=workers, total=len(frames), restart=restart, on_progress=on_progress)
-    report = RigReport(rigs, len(frames), sum(f.theta is not None for f in frames))
+    report = RigReport(rigs, len(frames), sum(f.theta is not None for f in frames), missing=missing)
     for row in read_records(out, ResultRow):
         report.count(row)
     return report
@@ -306,7 +312,7 @@ class _Again:
     def __call__(self, config: Config) -> FrameCalibration | None:
         source = Path(self.record.path or "")
         refused, annotated = self.frame.theta is None, _is_annotated(self.record)
-        from_picture = refused and not annotated and self.record.annotation is None and is_file(source)
+        from_picture = refused and not annotated and self.record.annotation is None and _has_picture(self.record)
         if from_picture and self.measured is None:
             self.measured = self._look(source, config)
             return None if self.measured is None or _leaves_the_arc(self.measured, config) else self.measured
@@ -340,8 +346,10 @@ class _Again:
 
     def _picture(self, source: Path) -> PictureFile:
         time_s = None if self.record.source is None else self.record.source.time_s
+        if is_url(self.record.path or ""):
+            return PictureFile(self.frame.id, Path(self.frame.id), self.frame.id, url=self.record.path)
         if time_s is None:
-            return replace(find_frames([source])[0], id=self.frame.id)
+            return PictureFile(self.frame.id, source, path_in_folder(self.frame.id, source))
         picture = next(pictures_at(source, [time_s]), None)
         return PictureFile(self.frame.id, source, self.frame.id, time_s, picture, self.frame.aspect)
 
@@ -368,6 +376,17 @@ def _leaves_the_arc(found: FrameCalibration, config: Config) -> bool:
 
 def _is_annotated(record: ResultRow) -> bool:
     return record.path is not None and Path(record.path).suffix.lower() in annotation_suffixes()
+
+
+def _has_picture(record: ResultRow) -> bool:
+    """Whether the picture of a frame, or its video, is where the record says."""
+    return is_url(record.path or "") or is_file(Path(record.path or ""))
+
+
+def _is_there(record: ResultRow) -> bool:
+    """Whether what a refused frame is to be looked at in again is there; others are not looked at."""
+    is_looked_at = record.status == "refused" and record.annotation is None and not _is_annotated(record)
+    return not is_looked_at or record.path is None or _has_picture(record)
 
 
 def _require_same_field(record: ResultRow, template: FieldTemplate, results: Path) -> None:

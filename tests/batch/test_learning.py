@@ -91,6 +91,16 @@ def test_frames_that_fail_alone_pass_with_the_paint_of_the_others(hall, told, tm
         assert off.max() < 4.0 * max(told[name]["camera"]["max_sigma_px"], 0.5)
 
 
+def test_files_of_frames_say_what_these_were_told(hall, told, tmp_path):
+    config = load_config("futsal", ["learning.least_frames=2", "mask.tell_paints=false"])
+    run_batch(find_frames([hall[0]]), FrameRun(config, out=tmp_path), tmp_path, workers=1)
+    for record in records(tmp_path):
+        file = json.loads((tmp_path / f"{record['id']}.json").read_text())
+        assert file == record
+        assert file["source"]["bytes"] == (hall[0] / f"{record['id']}.png").stat().st_size
+        assert (tmp_path / f"{record['id']}.overlay.jpg").is_file()
+
+
 def test_neither_order_nor_a_stop_changes_what_is_learnt(hall, told, told_folder, tmp_path):
     def answers(found):
         return {name: {k: v for k, v in r.items() if k != "timings_ms"} for name, r in found.items()}
@@ -114,15 +124,21 @@ def row(name: str, added: tuple[float, float, float], path: str = "hall/a.png", 
     return ResultRow(schema_version=1, id=name, status="calibrated", field=template, source=source, paint=paint)
 
 
+HALL = str(Path("hall").absolute())
+
+
 def test_only_frames_that_agree_tell_something():
     config = load_config("futsal")
     yellow = [row(str(k), (-60.0 - k, -10.0, -12.0)) for k in range(3)]
-    assert learn(yellow, config) == {"hall": Lesson("futsal", (-61.0, -10.0, -12.0), 3)}
+    assert learn(yellow, config) == {HALL: Lesson("futsal", (-61.0, -10.0, -12.0), 3)}
     assert learn(yellow[::-1], config) == learn(yellow, config)
     assert learn(yellow[:2], config) == {}
-    assert learn([*yellow, row("odd", (80.0, -30.0, 10.0))], config)["hall"].frames == 3
+    assert learn([*yellow, row("odd", (80.0, -30.0, 10.0))], config)[HALL].frames == 3
     assert learn([*yellow, *(row(f"odd{k}", (80.0, -30.0, 10.0)) for k in range(2))], config) == {}
     assert learn([*yellow[:2], row("elsewhere", (-60.0, -10.0, -12.0), "other/a.png")], config) == {}
+    # a start from the folder's own place, and one that names it whole
+    whole = [row(str(k), (-60.0 - k, -10.0, -12.0), f"{HALL}/a.png" if k else "hall/a.png") for k in range(3)]
+    assert learn(whole, config) == learn(yellow, config)
     # brightness shows white lines as well
     assert learn([row(str(k), (90.0, 80.0, 85.0)) for k in range(5)], config) == {}
 
@@ -130,7 +146,7 @@ def test_only_frames_that_agree_tell_something():
 def test_with_auto_the_field_of_the_run_is_learnt_too():
     auto = load_config(None, ["field.template=auto"])
     white = [row(str(k), (90.0, 80.0, 85.0)) for k in range(3)]
-    assert learn(white, auto)["hall"].field == "futsal"
+    assert learn(white, auto)[HALL].field == "futsal"
     assert learn([*white, row("other", (90.0, 80.0, 85.0), field="handball")], auto) == {}
     assert learn([row(str(k), (90.0, 80.0, 85.0), field="soccer") for k in range(3)], auto) == {}
 

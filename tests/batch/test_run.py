@@ -3,6 +3,7 @@
 import json
 import os
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -16,6 +17,7 @@ from circlecal.batch import run as batch_run
 from circlecal.batch.frames import FrameRun
 from circlecal.config import Config, config_digest, load_config
 from circlecal.errors import InputError
+from circlecal.field.loading import field_folder
 from circlecal.pictures.files import find_frames
 from circlecal.records.index import ResultIndex
 from circlecal.records.log import INDEX_NAME, RESULTS_NAME, Finished, ResultLog, read_records
@@ -147,6 +149,32 @@ def test_another_picture_of_one_name_is_told(run_circlecal, in_this_process, fra
     outcome = run_circlecal(*command, first)
     assert outcome.code == 2 and f"holds the result of {first}, which has changed since; " in outcome.err
     assert run_circlecal(*command, tmp_path / "second" / "x.png", "--restart").code in (0, 1)
+
+
+def test_a_picture_keeps_its_name_when_others_of_that_name_come(run_circlecal, in_this_process, frame_file, tmp_path):
+    for folder in ("first", "second"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "x.png").write_bytes(frame_file.read_bytes())
+    command = "batch", "--out", tmp_path / "out", "--workers", 1
+    run_circlecal(*command, tmp_path / "first")
+    outcome = run_circlecal(*command, tmp_path / "first", tmp_path / "second")
+    assert outcome.code == 0 and outcome.out.startswith("2 frames: 2 calibrated")
+    assert {r["id"]: r["source"]["path"] for r in records(tmp_path / "out")} == {
+        "x": str(tmp_path / "first" / "x.png"),
+        "second__x-png": str(tmp_path / "second" / "x.png"),
+    }
+
+
+@pytest.mark.parametrize("command", ["calibrate", "batch"])
+@pytest.mark.parametrize(("name", "to"), [("camera_good", "soccernet"), ("coco", "coco"), ("good.labelme", "labelme")])
+def test_a_result_and_a_file_of_another_program_of_one_name(run_circlecal, frame_file, tmp_path, command, name, to):
+    frame_file.with_name(f"{name}.png").write_bytes(frame_file.read_bytes())
+    files = ["--files"] if command == "batch" else []
+    outcome = run_circlecal(command, frame_file.parent, "--out", tmp_path / "out", "--to", to, *files)
+    assert outcome.code == 2
+    told = f"{name}.json: would hold the result of {name}, and what --to {to} writes of"
+    assert told in outcome.err and "rename the picture" in outcome.err
+    assert not (tmp_path / "out" / f"{name}.json").exists()
 
 
 def test_annotations_and_outside_formats_as_calibrate_writes_them(run_circlecal, in_this_process, frame_file, tmp_path):
@@ -435,14 +463,16 @@ def test_progress_counts(in_this_process, tmp_path):
 
 def test_workers_of_a_cluster_find_annotations_from_another_folder(run_circlecal, frame_file, tmp_path, monkeypatch):
     """They run elsewhere, so a path that counts from here would be looked for there, and missed in silence."""
+    shutil.copy(field_folder() / "soccer.yaml", tmp_path / "mine.yaml")
     given = []
 
     def take(frames, run, out, **options):
-        given.append((run.annotations, out))
+        given.append((run.annotations, out, run.config.field.template))
         raise InputError("far enough")
 
     monkeypatch.setattr("circlecal.batch.run_batch", take)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "named").mkdir()
-    run_circlecal("batch", frame_file, "--annotations", "named", "--out", "out", "--scheduler", "tcp://127.0.0.1:1")
-    assert given == [(tmp_path / "named", tmp_path / "out")]
+    command = "batch", frame_file, "--annotations", "named", "--out", "out", "--field", "mine.yaml"
+    run_circlecal(*command, "--scheduler", "tcp://127.0.0.1:1")
+    assert given == [(tmp_path / "named", tmp_path / "out", str(tmp_path / "mine.yaml"))]

@@ -85,6 +85,15 @@ def test_pictures_and_videos_together(run_circlecal, tmp_path):
     assert sorted(record["id"] for record in records(out)) == expected
 
 
+def test_a_run_in_the_folder_of_its_videos_goes_on(run_circlecal, in_this_process, tmp_path):
+    write_video(tmp_path / "a.avi", "MJPG", 50)
+    command = "batch", tmp_path, "--out", tmp_path, "--workers", 1, "--files"
+    assert run_circlecal(*command).code == 1
+    outcome = run_circlecal(*command)
+    assert outcome.code == 1 and "(2 from before)" in outcome.err, outcome
+    assert len(records(tmp_path)) == 2
+
+
 def test_a_truncated_video_is_one_line_and_the_rest_goes_on(run_circlecal, in_this_process, tmp_path):
     path = write_video(tmp_path / "a.avi", "MJPG", 200)
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])

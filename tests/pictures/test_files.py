@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from circlecal.errors import InputError
-from circlecal.pictures.files import find_frames, read_image, write_image
+from circlecal.pictures.files import LAST_STAGE, STAGE_SHEET, find_frames, path_in_folder, read_image, write_image
 from circlecal.pictures.headers import read_header
 
 HEIGHT, WIDTH = 72, 96
@@ -168,6 +168,25 @@ def test_masks_hidden_files_and_own_pictures_are_no_frames(tmp_path):
     )
     frames = find_frames([tmp_path], exclude=[tmp_path / "given"])
     assert [f.path.name for f in frames] == ["a.jpg"]
+
+
+def test_pictures_of_stages_are_no_frames_whatever_their_folder_is_called(tmp_path):
+    touched(tmp_path / "a.jpg", *(tmp_path / "mine" / "a" / f"{n}.jpg" for n in ("01-mask", LAST_STAGE, STAGE_SHEET)))
+    assert [f.id for f in find_frames([tmp_path])] == ["a"]
+
+
+def test_links_to_folders_are_followed_but_not_in_a_circle(tmp_path):
+    touched(tmp_path / "store" / "b.jpg", tmp_path / "given" / "day" / "a.jpg")
+    (tmp_path / "given" / "linked").symlink_to(tmp_path / "store")
+    (tmp_path / "given" / "day" / "up").symlink_to(tmp_path / "given")
+    assert [f.id for f in find_frames([tmp_path / "given"])] == ["day__a", "linked__b"]
+
+
+def test_the_path_of_a_picture_in_its_folder_is_told_by_its_id(tmp_path):
+    touched(tmp_path / "s" / "t.jpg", tmp_path / "a__b.jpg", tmp_path / "s" / "a__b.jpg", tmp_path / "v.png")
+    for frame in find_frames([tmp_path]):
+        assert path_in_folder(frame.id, frame.path) == frame.mask_stem
+    assert path_in_folder("t-jpg", tmp_path / "s" / "t.jpg") == "t"
 
 
 def test_masks_given_by_a_shell_pattern_are_no_frames(tmp_path):

@@ -1,6 +1,7 @@
 """The table of a batch."""
 
 import json
+import os
 import sys
 
 import numpy as np
@@ -10,7 +11,9 @@ from circlecal.batch.frames import FrameRun
 from circlecal.batch.task import finish
 from circlecal.config import Config
 from circlecal.pictures.files import find_frames
-from circlecal.records.log import RESULTS_NAME, ResultLog
+from circlecal.records.log import RESULTS_NAME, ResultLog, read_records
+from circlecal.records.parquet import write_parquet
+from circlecal.records.parts import EstimateRecord
 
 
 @pytest.fixture
@@ -42,6 +45,24 @@ def test_every_frame_is_a_row(run_circlecal, results, tmp_path):
     assert rows["blank"]["status"] == "refused"
     assert rows["blank"]["H_image_field"] is None
     assert (rows["cut"]["code"], rows["cut"]["width"], rows["cut"]["time_ms"]) == ("unreadable_input", None, None)
+
+
+def test_a_refused_frame_has_no_number_of_a_camera(results, tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet", reason="the extra parquet is not installed")
+    accepted = next(record for record in read_records(results[0]) if record.id == "good")
+    estimate = EstimateRecord(H_image_field=accepted.H_image_field, camera=accepted.camera)
+    changes = {"status": "refused", "camera": None, "H_image_field": None, "rejected_estimate": estimate}
+    path = write_parquet([accepted.model_copy(update=changes)], tmp_path / "x.parquet")
+    (row,) = parquet.read_table(path).to_pylist()
+    known = {name for name, value in row.items() if value is not None}
+    assert not {name for name in known if name.startswith(("position", "focal", "max_sigma", "H_"))}
+    assert path.stat().st_mode & 0o777 == 0o666 & ~current_umask()
+
+
+def current_umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
 
 
 def test_beside_the_results_of_a_batch(run_circlecal, in_this_process, frame_file, tmp_path):

@@ -21,7 +21,7 @@ from circlecal.pipeline import run_observations
 from circlecal.records.camera_prior import prior_settings
 from circlecal.records.json_text import result_line
 from circlecal.records.log import OtherRunError, read_records
-from circlecal.records.parts import TrackRecord
+from circlecal.records.parts import SourceRecord, TrackRecord
 from circlecal.records.writing import failure_record, result_record
 from circlecal.results import Verdict
 from circlecal.rig import run as rig_run
@@ -291,6 +291,27 @@ def test_what_a_person_said_of_a_frame_stands(records, tmp_path):
     task = RigTask(CONFIG, (), None, None, "official", False)
     others = replace(task, mask=tmp_path), replace(task, convention="paint"), replace(task, said=(("0", "0123"),))
     assert len({task.digest, *(other.digest for other in others)}) == 4
+
+
+def test_a_refused_frame_is_looked_at_with_the_mask_of_its_subfolder(records, frame_image, tmp_path):
+    picture, masks = tmp_path / "day" / "s" / "c.png", tmp_path / "masks"
+    picture.parent.mkdir(parents=True)
+    (masks / "s").mkdir(parents=True)
+    cv2.imwrite(str(picture), frame_image)
+    cv2.imwrite(str(masks / "s" / "c.png"), np.zeros(frame_image.shape[:2], np.uint8))
+    source = SourceRecord(path=str(picture))
+    refused = next(r for r in records if r.id == "nothing").model_copy(update={"id": "s__c", "source": source})
+    (tmp_path / "results.jsonl").write_text("".join(result_line(r) + "\n" for r in (*records[:4], refused)))
+    report = run_rig(tmp_path, CONFIG, tmp_path / "out", mask=masks)
+    assert report.missing == []
+    found = {record.id: record for record in read_records(tmp_path / "out")}
+    assert "the mask is all black" in found["s__c"].rig.reason
+
+
+def test_refused_frames_whose_pictures_are_not_there_are_told(run_circlecal, results, again, tmp_path):
+    assert again[1].missing == again[1].summary()["missing"] == ["bad.jpg"]
+    outcome = run_circlecal("rig", results, "--out", tmp_path / "told", *SETTINGS)
+    assert "bad.jpg: not there, so frames that were refused were not looked at again" in outcome.err
 
 
 def test_a_track_shares_its_camera_already(records, tmp_path):
