@@ -11,9 +11,25 @@ from circlecal.camera.observed import NoiseModel
 from circlecal.camera.priors import Priors, SharedPriorConfig
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera_parameters import INDEX, LOG_FOCAL, PARAMETERS, ProjectionModel
+from circlecal.geometry.homography import Side
 from circlecal.geometry.surface import SurfaceShape
 
 Three = tuple[float, float, float]
+
+
+class KnownCamera(BaseModel):
+    """What is known of one of several cameras; keys of the same names in the sections ``camera`` and
+    ``correspondences`` say what they are.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    name: str = Field(description="Its name, as the results have it.")
+    position_m: Three = Field(description="Where it stands, metres.")
+    position_sd_m: Three = Field(description="Prior standard deviation of that, metres.")
+    shared: SharedPriorConfig = Field(description="What its other frames say of it.")
+    crown_shape: SurfaceShape = Field(description="Profile of the pitch, as it was found with this camera.")
+    camera_side: Side = Field(description="Side of the field on which it stands.")
 
 
 class CameraConfig(BaseModel):
@@ -107,6 +123,12 @@ class CameraConfig(BaseModel):
     )
     shared: SharedPriorConfig | None = Field(
         None, description="What other frames of the same camera say of it, as `circlecal rig` writes it, or null."
+    )
+    name: str | None = Field(None, description="Name of that camera, as the results are to have it, or null.")
+    others: tuple[KnownCamera, ...] = Field(
+        (),
+        description="Further cameras that are known: one after the other is tried on a frame that is refused as one of "
+        "the camera of position_m and shared. `--venue` with a file of several cameras fills this in.",
     )
     distance_radii: float = Field(
         7.0, gt=0, description="Usual distance of a camera from the circle's centre, in its radii."

@@ -172,17 +172,6 @@ def cpu_count() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def note_other_cameras(venue: Path) -> None:
-    """Say of a venue with several cameras which one single frames are taken to be of."""
-    from circlecal.cli import console
-    from circlecal.rig.venue import read_venue_file
-
-    names = [tripod.name for tripod in read_venue_file(venue).tripods]
-    if len(names) > 1:
-        told = f"frames are taken to be of {names[0]}, not of {', '.join(names[1:])}"
-        console.print_note(f"{venue}: {told}; circlecal track knows them all")
-
-
 def choose_config(
     file: str | None,
     settings: Sequence[str] | None,
@@ -222,7 +211,6 @@ def choose_config(
     if venue is not None:
         from circlecal.rig.venue import venue_settings
 
-        note_other_cameras(venue)
         overrides += venue_settings(venue, field_of(load_config(file, [*(settings or ()), *named_field]))[0])
     overrides += [*(settings or ()), *named_field]
     overrides += [] if seed is None else [f"seed={seed}"]

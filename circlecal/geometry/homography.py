@@ -7,6 +7,7 @@ H^T l_image``.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -185,8 +186,21 @@ def turn_homography(H: ArrayLike, center: ArrayLike) -> Array:
     )
 
 
-SIDES = {"main": (0.0, 1.0), "opposite": (0.0, -1.0), "left_goal": (-1.0, 0.0), "right_goal": (1.0, 0.0)}
+Side = Literal["main", "opposite", "left_goal", "right_goal"]
+SIDES = {
+    "main": (0.0, 1.0),
+    "opposite": (0.0, -1.0),
+    "left_goal": (-1.0, 0.0),
+    "right_goal": (1.0, 0.0),
+}
 """Direction on the field to each side on which a camera can stand."""
+
+
+def side_of_place(position_m: ArrayLike) -> Side:
+    """The side of the field on which a camera at ``position_m`` (3,) or (2,) stands, metres from the centre mark."""
+    x, y = np.asarray(position_m, dtype=np.float64)[:2]
+    side: Side = max(get_args(Side), key=lambda name: x * SIDES[name][0] + y * SIDES[name][1])
+    return side
 
 
 def camera_side_of(H: ArrayLike, side: str, seen_m: ArrayLike) -> float:

@@ -15,6 +15,7 @@ from circlecal.geometry.camera_parameters import INDEX
 from circlecal.observations import Observations
 from circlecal.pipeline.attempts import add_checks, estimate, take_observations
 from circlecal.pipeline.fields import Convention, apply_convention, field_of
+from circlecal.pipeline.known_cameras import calibrate_by_cameras
 from circlecal.pipeline.painters import cover_painters
 from circlecal.pipeline.setting import Setting, frame_generator
 from circlecal.results import Attempt, CameraFit, Check, FrameCalibration
@@ -61,14 +62,18 @@ def run_observations(
         ``annotations``, whose digest the answer then has, where the camera may be a main camera as far as the points
         tell; the check ``assumed_place`` then stands among its checks.
     """
-    first = _answer(observations, config, frame_id, source, convention, earlier)
+
+    def answer(chosen: Config) -> FrameCalibration:
+        return _answer(observations, chosen, frame_id, source, convention, earlier)
+
+    first = calibrate_by_cameras(config, answer)
     if first.attempt.code != "too_uncertain" or convention != "official" or not _leaves_choice(config):
         return first
     preset = load_annotation_options()
     place = check_place(first.attempt.camera, preset.camera)
     if place.passed:
         chosen = config.model_copy(update={"camera": preset.camera, "verdict": preset.verdict})
-        other = _answer(observations, chosen, frame_id, source, convention, earlier)
+        other = answer(chosen)
         if other.status == "calibrated":
             return replace(other, attempt=add_checks(other.attempt, place))
     return replace(first, attempt=add_checks(first.attempt, place))

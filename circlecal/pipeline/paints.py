@@ -17,6 +17,7 @@ from circlecal.paint.colour import match_paint
 from circlecal.pipeline.attempts import refuse_as_open
 from circlecal.pipeline.field_choice import calibrate_unknown_field
 from circlecal.pipeline.field_paint import LEAST_CIRCLE
+from circlecal.pipeline.known_cameras import calibrate_by_cameras
 from circlecal.pipeline.run import run
 from circlecal.pipeline.setting import frame_generator
 from circlecal.placement import mean_distance_px
@@ -63,7 +64,10 @@ def calibrate_image(
     def answer(chosen: Config) -> FrameCalibration:
         return calibrate(image, chosen, mask=mask, extra=extra, frame_id=frame_id, source=source)
 
-    return calibrate_by_paint(image, config, answer(config), answer)
+    def answer_by_paint(chosen: Config) -> FrameCalibration:
+        return calibrate_by_paint(image, chosen, answer(chosen), answer)
+
+    return calibrate_by_cameras(config, answer_by_paint)
 
 
 def calibrate_by_paint(

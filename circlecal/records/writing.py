@@ -65,6 +65,7 @@ def result_record(
         "config_digest": digest or calibration.config_digest,
         "checks": calibration.verdict.checks,
         "paint": _paint(calibration),
+        "rig": None if calibration.camera_name is None else {"camera": calibration.camera_name},
     }
     # what is not finite becomes null on this way; names need not be text, and stay out of it
     numbers = ResultRecord.model_validate_json(to_json(content, inf_nan_mode="null", fallback=_plain))

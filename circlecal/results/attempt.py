@@ -184,6 +184,8 @@ class FrameCalibration:
         template all of whose markings are in one paint.
     other_paints_bgr : tuple of (float, float, float)
         Of a picture that was calibrated by the lines of one colour: the same of the other colours on its floor.
+    camera_name : str or None
+        Name of the known camera that took it, where one is told by name.
     """
 
     id: str
@@ -202,6 +204,7 @@ class FrameCalibration:
     aspect: float = 1.0
     paint_bgr: tuple[float, float, float] | None = None
     other_paints_bgr: tuple[tuple[float, float, float], ...] = ()
+    camera_name: str | None = None
 
     @property
     def verdict(self) -> Verdict:

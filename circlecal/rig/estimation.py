@@ -21,7 +21,7 @@ from circlecal.camera.world import BREADTH, FLAT_RELIEF_SHARE, FLAT_SD_M, LENGTH
 from circlecal.config import Config, suit_pixels
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera_parameters import INDEX, POSITION, ProjectionModel
-from circlecal.geometry.homography import SIDES
+from circlecal.geometry.homography import side_of_place
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import Surface
 from circlecal.observations import Observations
@@ -482,12 +482,13 @@ def config_with_prior(config: Config, prior: SharedPrior, width: int) -> Config:
     place = [prior.parameters.index(name) for name in ("x", "y", "z")]
     position = prior.mean[place]
     spread = np.hypot(np.sqrt(np.diag(prior.covariance)[place]), prior.deviation_sd[place])
-    side = max(SIDES, key=lambda name: float(position[:2] @ np.array(SIDES[name])))
+    side = side_of_place(position)
     camera = config.camera.model_copy(
         update={
             "shared": SharedPriorConfig.of(prior, width),
             "position_m": tuple(float(v) for v in position),
             "position_sd_m": tuple(float(v) for v in spread),
+            "others": (),
         }
     )
     correspondences = config.correspondences.model_copy(update={"camera_side": side})

@@ -15,12 +15,13 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from circlecal.camera.options import KnownCamera
 from circlecal.camera.priors import SHARED, ZOOMED, SharedPrior, SharedPriorConfig
 from circlecal.errors import InputError, explain_problem
 from circlecal.field import FieldTemplate
 from circlecal.files import write_atomic
 from circlecal.geometry.camera_parameters import INDEX
-from circlecal.geometry.homography import SIDES
+from circlecal.geometry.homography import side_of_place
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import Surface, SurfaceShape
 from circlecal.results.numbers import show_with_sigma
@@ -324,8 +325,8 @@ def write_venue(
 
 
 def venue_settings(path: Path, template: FieldTemplate) -> list[str]:
-    """Settings of the sections ``camera``, ``correspondences``, ``field`` and ``mask`` for single frames of the first
-    camera of a venue, as ``section.key=value``.
+    """Settings of the sections ``camera``, ``correspondences`` and ``mask`` for single frames of the cameras of a
+    venue, as ``section.key=value``.
 
     Raises
     ------
@@ -335,22 +336,28 @@ def venue_settings(path: Path, template: FieldTemplate) -> list[str]:
     venue = read_venue(path, template)
     if not venue.tripods:
         raise InputError(f"{path}: tripods: is empty; a prior of single frames needs a camera")
-    tripod = venue.tripods[0]
-    prior = prior_of_tripod(tripod)
-    place = [prior.parameters.index(name) for name in ("x", "y", "z")]
-    position = prior.mean[place]
-    spread = np.sqrt(np.diag(prior.covariance)[place] + prior.deviation_sd[place] ** 2)
-    side = max(SIDES, key=lambda name: float(position[:2] @ np.array(SIDES[name])))
-    values: dict[str, Any] = {
-        "camera.shared": SharedPriorConfig.of(prior, tripod.size[0]).model_dump(mode="json"),
-        "camera.position_m": position.tolist(),
-        "camera.position_sd_m": spread.tolist(),
-        "camera.crown_shape": tripod.surface.shape,
-        "correspondences.camera_side": side,
-    }
+    first, *others = [_known_camera(tripod).model_dump(mode="json") for tripod in venue.tripods]
+    values: dict[str, Any] = {"correspondences.camera_side": first.pop("camera_side")}
+    values |= {f"camera.{name}": value for name, value in first.items()} | {"camera.others": others}
     if venue.paint_bgr is not None:
         values["mask.paint_bgr"] = list(venue.paint_bgr)
     return [f"{key}={json.dumps(value)}" for key, value in values.items()]
+
+
+def _known_camera(tripod: TripodEstimate) -> KnownCamera:
+    """What single frames are told of a camera."""
+    prior = prior_of_tripod(tripod)
+    place = [prior.parameters.index(name) for name in ("x", "y", "z")]
+    x, y, z = prior.mean[place].tolist()
+    sd_x, sd_y, sd_z = np.sqrt(np.diag(prior.covariance)[place] + prior.deviation_sd[place] ** 2).tolist()
+    return KnownCamera(
+        name=tripod.name,
+        position_m=(x, y, z),
+        position_sd_m=(sd_x, sd_y, sd_z),
+        shared=SharedPriorConfig.of(prior, tripod.size[0]),
+        crown_shape=tripod.surface.shape,
+        camera_side=side_of_place((x, y)),
+    )
 
 
 def prior_of_tripod(tripod: TripodEstimate) -> SharedPrior:

@@ -17,13 +17,12 @@ from circlecal.geometry.camera import camera_from_homography, image_center
 from circlecal.geometry.circle_pose import pinhole_centers
 from circlecal.geometry.concentric import imaged_center, vanishing_line
 from circlecal.geometry.conics import line_conic_meet, normalise_conic, polar
-from circlecal.geometry.homography import camera_side_of, compass_label, homography_from_circle, turn_homography
+from circlecal.geometry.homography import Side, camera_side_of, compass_label, homography_from_circle, turn_homography
 from circlecal.geometry.projective import Array, apply_homography, dehomogenise, join, lift, meet, normalise_line
 from circlecal.observations import Keypoint
 from circlecal.refusals import refuse
 from circlecal.results import Correspondences, Cues, EllipseFits, LineCorrespondence, PointCorrespondence
 
-Side = Literal["main", "opposite", "left_goal", "right_goal"]
 USUAL_ROLL_RAD = np.radians(5.0)
 USUAL_DISTANCE_RADII = 7.0
 USUAL_DISTANCE_LOG_SD = 0.6

@@ -2,13 +2,11 @@
 
 import json
 import shutil
-from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
 
-from circlecal.cli.options import note_other_cameras
 from circlecal.refusals import explain
 from circlecal.synthetic.sampling import render_frame
 
@@ -144,15 +142,6 @@ def test_mask_file_and_folder(run_circlecal, frame_file, frame_camera, tmp_path)
 def test_a_camera_is_known_from_one_place(run_circlecal, frame_file, tmp_path):
     known = "--camera-prior", tmp_path / "a.json", "--venue", tmp_path / "venue.yaml"
     only_error(run_circlecal("calibrate", frame_file, *known, "--out", tmp_path), "--camera-prior and --venue both say")
-
-
-def test_of_a_venue_with_several_cameras_the_first_one_is_told(capsys, monkeypatch, tmp_path):
-    tripods = [SimpleNamespace(name=name) for name in ("camera-1", "behind-goal")]
-    for count in (2, 1, 0):
-        known = SimpleNamespace(tripods=tripods[:count])
-        monkeypatch.setattr("circlecal.rig.venue.read_venue_file", lambda path, known=known: known)
-        note_other_cameras(tmp_path / "venue.yaml")
-        assert ("taken to be of camera-1, not of behind-goal" in capsys.readouterr().err) is (count == 2)
 
 
 def test_mask_options_that_do_not_fit(run_circlecal, frame_file, blank_file, tmp_path):
