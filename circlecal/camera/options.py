@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from circlecal.camera.observed import NoiseModel
+from circlecal.camera.picture_shape import usual_point_sd
 from circlecal.camera.priors import Priors, SharedPriorConfig
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera_parameters import INDEX, LOG_FOCAL, PARAMETERS, ProjectionModel
@@ -49,11 +50,12 @@ class CameraConfig(BaseModel):
     focal_sd: float = Field(
         0.005, gt=0, le=1, description="Its standard deviation, as a share of it; used where focal_px is given."
     )
-    principal_point_sd_px: float = Field(
-        15.0,
+    principal_point_sd_px: float | None = Field(
+        None,
         ge=0,
-        description="Prior of the principal point about the image centre, pixels at 1920 px width; 0 fixes it. Of the "
-        "cameras of eight real clips, which all their frames tell to 1 to 3 px, it lies 18 px rms off.",
+        description="Prior of the principal point about the image centre, pixels at 1920 px width; 0 fixes it. null: "
+        "15, and up to 250 for pictures of a shape that no camera has (16:9, 4:3, 3:2, 2:3, ... within 1 %), since "
+        "these were cut out of larger ones.",
     )
     distortion: Literal["none", "radial"] = Field(
         "radial",
@@ -176,6 +178,15 @@ class CameraConfig(BaseModel):
         True, description="Whether standard deviations grow to what the residuals and their correlation show."
     )
 
+    def principal_point_sd(self, width: int, height: int) -> tuple[float, float]:
+        """Standard deviations of the principal point about the middle of a picture, along its width and its height, in
+        its own pixels.
+        """
+        if self.principal_point_sd_px is None:
+            return usual_point_sd(width, height)
+        told = self.principal_point_sd_px * width / 1920.0
+        return told, told
+
     @property
     def usual_crown(self) -> SurfaceShape:
         """The profile that is tried first."""
@@ -195,14 +206,13 @@ def noise_model(config: CameraConfig, width: int) -> NoiseModel:
 
 def priors_of(config: CameraConfig, template: FieldTemplate, circle: Circle, model: ProjectionModel) -> Priors:
     """Priors as means and standard deviations of the parameter vector."""
-    unit = model.width / 1920.0
     mean, sd = np.zeros(len(PARAMETERS)), np.full(len(PARAMETERS), np.inf)
     if config.focal_px is not None:
         mean[LOG_FOCAL], sd[LOG_FOCAL] = np.log(config.focal_px), config.focal_sd
     sd[INDEX["roll"]] = np.radians(config.roll_sd_deg)
     if config.position_m is not None:
         mean[4:7], sd[4:7] = config.position_m, config.position_sd_m
-    sd[7:9] = config.principal_point_sd_px * unit
+    sd[7:9] = config.principal_point_sd(model.width, model.height)
     radial = config.distortion == "radial"
     mean[9], sd[9] = (config.k1_mean, config.k1_sd) if radial else (0.0, 0.0)
     mean[10], sd[10] = (config.k2_mean, config.k2_sd) if radial else (0.0, 0.0)

@@ -110,8 +110,14 @@ def calibrate(
 
 def _notes(record: ResultRecord, config: Config) -> Iterator[str]:
     """What is said of a frame beside its row in the table."""
+    from circlecal.camera.picture_shape import is_cut
+
     if record.near_limits:
         yield f"{record.id}: {record.status}, near a limit: {', '.join(record.near_limits)}"
+    image = record.image
+    if image is not None and config.camera.principal_point_sd_px is None and is_cut(image.width, image.height):
+        told = "is the shape of no camera's picture, so it is taken for a part of a larger one"
+        yield f"{record.id}: {image.width} x {image.height} {told} (camera.principal_point_sd_px)"
     if record.no_correspondences and config.correspondences.case != "auto":
         asked = f"no correspondences of case {config.correspondences.case}"
         yield f"{record.id}: {asked}: {record.no_correspondences}"

@@ -197,7 +197,7 @@ def _fit_closely(
     leaves it.
     """
     unit = tripod.size[0] / 1920.0
-    mean, sd = priors_of_frames(config, template, unit, [frame.measured for frame in sharp])
+    mean, sd = priors_of_frames(config, template, tripod.size, [frame.measured for frame in sharp])
     mean, sd = hold_size(tripod, mean, sd)
     kept, (fit,) = leave_out_false_line(sharp, [tripod], mean, sd, drawn)
     alike = count_alike(fit)

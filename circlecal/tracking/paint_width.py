@@ -98,10 +98,10 @@ def estimate_paint_width(
 
 
 def priors_of_frames(
-    config: Config, template: FieldTemplate, unit: float, measured: Sequence[MeasuredFrame]
+    config: Config, template: FieldTemplate, size: tuple[int, int], measured: Sequence[MeasuredFrame]
 ) -> tuple[Array, Array]:
     """Means and standard deviations (K,) of the common parameters, with how broad the paint looks in frames."""
-    mean, sd = common_priors(config.camera, config.rig, template, unit)
+    mean, sd = common_priors(config.camera, config.rig, template, size)
     seen = estimate_paint_width(measured, template.marking_width_m, template_curves(template))
     if seen is not None:
         # paint is no broader than the rules allow, however it looks

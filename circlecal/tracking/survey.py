@@ -160,7 +160,7 @@ def _note_hips(
         return
     for tripod, members in found:
         measured = [frame.measured for frame in members]
-        mean, sd = priors_of_frames(config, template, tripod.size[0] / 1920.0, measured)
+        mean, sd = priors_of_frames(config, template, tripod.size, measured)
         if members and may_be_hip(members, tripod, mean, sd, drawn):
             _log.warning(
                 "%s: its pitch falls to the goal lines too: camera.crown_shape=hip fits it better", tripod.name
@@ -215,7 +215,7 @@ def _fit_alone(
     """The tripod of frames, without those of a false calibration; None where too few are left."""
     size = members[0].fit.model.width, members[0].fit.model.height
     unit = size[0] / 1920.0
-    mean, sd = priors_of_frames(config, template, unit, [member.measured for member in members])
+    mean, sd = priors_of_frames(config, template, size, [member.measured for member in members])
     kept = list(members)
     left_out: list[str] = []
     while len(kept) >= _least_frames(kept):
@@ -250,8 +250,7 @@ def _extend(
     """The tripod after it has found its other frames among the pictures, and learnt from them; what is known of it from
     elsewhere stays known. And these frames.
     """
-    unit = tripod.size[0] / 1920.0
-    mean, sd = priors_of_frames(config, template, unit, [])
+    mean, sd = priors_of_frames(config, template, tripod.size, [])
     sizes = {n: p for n, p in pictures.items() if p.size == tripod.size and p.grass_share >= LEAST_GRASS}
     for _ in range(ROUNDS):
         place = Place.of(tripod, template)
@@ -266,7 +265,7 @@ def _extend(
             )
             if look is not None and (look.is_confirmed or seen is not None):
                 frames.append(HeadedFrame(name, look.fit.head, look.measured))
-        mean, sd = priors_of_frames(config, template, unit, [frame.measured for frame in frames])
+        mean, sd = priors_of_frames(config, template, tripod.size, [frame.measured for frame in frames])
         is_hipped = config.camera.crown_shape == "hip"
         fit = _fit_members(frames, tripod, mean, sd, drawn, known, is_hipped=is_hipped)
         if fit is None:

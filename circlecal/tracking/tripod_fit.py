@@ -40,8 +40,10 @@ LEAST_LEVER_M = 0.0
 LEVER = PLACE["lever"]
 
 
-def common_priors(config: CameraConfig, rig: RigConfig, template: FieldTemplate, unit: float) -> tuple[Array, Array]:
-    """Means and standard deviations (K,) of the common parameters before any frame.
+def common_priors(
+    config: CameraConfig, rig: RigConfig, template: FieldTemplate, picture: tuple[int, int]
+) -> tuple[Array, Array]:
+    """Means and standard deviations (K,) of the common parameters before any frame, for pictures of a size.
 
     Of the axis nothing is known, unless the user says where the camera stands: who measures that measures its tripod.
     The pitch may have any size that its rules allow. That most have the template's is another hypothesis, which is
@@ -60,9 +62,9 @@ def common_priors(config: CameraConfig, rig: RigConfig, template: FieldTemplate,
     know("head_roll", 0.0, np.radians(ROLL_SD_DEG))
     know("lever", rig.lever_m, rig.lever_sd_m)
     know("lever_by_zoom", 0.0, LEVER_BY_ZOOM_SD_M)
-    for name in ("pp_x", "pp_y"):
-        know(name, 0.0, config.principal_point_sd_px * unit)
-        know(f"{name}_by_zoom", 0.0, POINT_BY_ZOOM_PX * unit)
+    for name, spread in zip(("pp_x", "pp_y"), config.principal_point_sd(*picture), strict=True):
+        know(name, 0.0, spread)
+        know(f"{name}_by_zoom", 0.0, POINT_BY_ZOOM_PX * picture[0] / 1920.0)
     radial = config.distortion == "radial"
     know("kappa_1", config.k1_mean if radial else 0.0, config.k1_sd if radial else 0.0)
     know("kappa_1_by_zoom", 0.0, KAPPA_BY_ZOOM if radial else 0.0)

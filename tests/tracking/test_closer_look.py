@@ -117,7 +117,7 @@ def test_pictures_between_tell_the_size_of_the_pitch(monkeypatch: pytest.MonkeyP
     size_m, drawn, rng = (117.0, 48.0), template_curves(template()), np.random.default_rng(6)
     growth = np.array(size_m) - (template().length_m, template().width_m)
     members = [replace(f, name=f"{0.3 * k:.3f}") for k, f in enumerate(views_of_a_pitch(*size_m))]
-    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE)
     start = pitch.choose_pitch(members, tripod(), mean, sd, drawn, pitch.WORST_RMS_PX).estimate
     nothing = np.zeros((3, 3))
 

@@ -45,7 +45,7 @@ def frames() -> list[HeadedFrame]:
 
 
 def fit(frames: list[HeadedFrame], drawn: DrawnTemplate = PAINTED) -> TripodEstimate:
-    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE)
     sd[PLACE["width"]] = 0.0
     return fit_tripod(frames, tripod(), mean, sd, drawn, parts_m=PART_M).estimate
 

@@ -35,7 +35,7 @@ LIMIT_PX = WORST_RMS_PX * SIZE[0] / 1920.0
 @pytest.mark.parametrize("size_m", [(117.0, 48.0), (94.8, 70.7), (105.0, 68.0), (106.5, 68.0)])
 def test_a_pitch_may_have_any_size(size_m: tuple[float, float]) -> None:
     frames = views_of_a_pitch(*size_m)
-    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE)
     start = replace(tripod(), mean=tripod().mean + np.where(np.arange(len(mean)) < 3, 0.2, 0.0))
     fit = pitch.choose_pitch(frames, start, mean, sd, template_curves(template()), LIMIT_PX)
     found = np.array([template().length_m, template().width_m]) + fit.estimate.growth_m
@@ -51,7 +51,7 @@ def test_the_shape_of_the_surface_is_told_where_penalty_areas_are_seen_beside_th
     """Taken for a roof, a hipped pitch makes the tripod lean and its principal point lie elsewhere."""
     crown_m = 0.02 if shape == "parabola" else 0.08
     frames = views_of_a_surface(Surface(shape, 9.15, crown_m))
-    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE)
     drawn = template_curves(template())
     found = pitch.choose_pitch(frames, tripod(), mean, sd, drawn, LIMIT_PX).estimate
     assert pitch.may_be_hip(frames, found, mean, sd, drawn) is (shape == "hip")
@@ -66,7 +66,7 @@ def test_the_shape_of_the_surface_is_told_where_penalty_areas_are_seen_beside_th
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_what_painters_leave_is_not_taken_for_the_size_of_the_pitch(seed: int) -> None:
-    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE)
     frames = views_of_badly_painted_markings(seed, 1.4)
     fit = pitch.choose_pitch(frames, tripod(), mean, sd, template_curves(template()), LIMIT_PX)
     np.testing.assert_array_equal(fit.estimate.growth_m, 0.0)
@@ -75,7 +75,7 @@ def test_what_painters_leave_is_not_taken_for_the_size_of_the_pitch(seed: int) -
 def test_a_width_is_not_held_at_the_usual_one_beside_another_length_that_takes_over_what_it_leaves() -> None:
     growth_m, drawn = np.array([2.0, -1.2]), template_curves(template())
     frames = views_of_badly_painted_markings(4, 1.0, (2.0, -1.2))
-    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE)
     found = pitch.choose_pitch(frames, tripod(), mean, sd, drawn, LIMIT_PX).estimate
     assert abs(found.growth_m - growth_m).max() < 0.7
     assert abs(found.growth_m[1] - growth_m[1]) < 0.2
@@ -83,7 +83,7 @@ def test_a_width_is_not_held_at_the_usual_one_beside_another_length_that_takes_o
 
 def test_a_usual_size_is_told_as_uncertain_as_its_own_paint_contradicts_it() -> None:
     frames, drawn = views_of_badly_painted_markings(4, 1.0, (1.5, 0.0)), template_curves(template())
-    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE)
     held = pitch.choose_pitch(frames, tripod(), mean, sd, drawn, LIMIT_PX).estimate
     assert held.growth_m[0] == held.sigma("length") == 0.0
     told = closer_look._fit_closely(held, frames, [], load_config(), template(), drawn, parts_m=PART_M)
@@ -94,7 +94,7 @@ def test_a_usual_size_is_told_as_uncertain_as_its_own_paint_contradicts_it() -> 
 def test_a_length_that_the_markings_tell_beyond_all_that_painters_leave_is_not_held() -> None:
     growth_m, drawn = -3.0, template_curves(template())
     frames = views_of_badly_painted_markings(5, 1.4, (growth_m, 0.0))
-    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE)
     # so much that no single frame contradicts the usual length
     found = pitch.choose_pitch(frames, tripod(), mean, sd, drawn, 2.0 * LIMIT_PX).estimate
     assert abs(found.growth_m[0] - growth_m) < 1.0
@@ -107,7 +107,7 @@ def test_pictures_of_the_middle_and_an_end_that_leave_a_length_open_do_not_tell_
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     frames, drawn = views_of_badly_painted_markings(5, 1.4, (-3.0, 0.0)), template_curves(template())
-    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE)
     found = pitch.choose_pitch(frames, tripod(), mean, sd, drawn, LIMIT_PX).estimate
 
     def tell() -> float:
@@ -124,7 +124,7 @@ def test_pictures_of_the_middle_and_an_end_that_leave_a_length_open_do_not_tell_
 
 def test_a_usual_size_is_told_as_uncertain_as_its_own_paint_leaves_it() -> None:
     frames, drawn = views_of_a_pitch(105.0, 68.0), template_curves(template())
-    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE)
     held = pitch.choose_pitch(frames, tripod(), mean, sd, drawn, LIMIT_PX).estimate
     assert held.sigma("length") == held.sigma("breadth") == 0.0
 
@@ -162,7 +162,7 @@ def test_what_follows_a_size_is_uncertain_with_it() -> None:
 
 def test_a_frame_that_contradicts_the_usual_size_is_no_false_calibration() -> None:
     frames, drawn = views_of_badly_painted_markings(4, 1.0, (1.5, 0.0)), template_curves(template())
-    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE)
     free = fit_tripod(frames, tripod(), mean, sd, drawn, alike=float(len(frames)))
     usual_sd = sd.copy()
     usual_sd[[PLACE["length"], PLACE["breadth"]]] = 0.0
@@ -190,7 +190,7 @@ def test_boards_behind_a_touchline_do_not_broaden_the_pitch(seed: int) -> None:
         by_place = {"marking": seen.marking, "field_m": seen.field_m, "points_px": moved, "normals": seen.normals,
                     "width_px": seen.width_px, "scale_px_m": seen.scale_px_m, "bias_px": seen.bias_px}  # fmt: skip
         frames.append(replace(frame, measured=replace(seen, **{name: v[kept] for name, v in by_place.items()})))
-    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE)
     fit = pitch.choose_pitch(frames, tripod(), mean, sd, drawn, LIMIT_PX)
     np.testing.assert_array_equal(fit.estimate.growth_m, 0.0)
 
@@ -206,7 +206,7 @@ def test_a_halfway_line_on_a_surface_of_another_shape_does_not_tell_how_broad_th
             seen = seen.leave_out(drawn.names.index(name))
         frames.append(HeadedFrame(str(k), head, seen))
     assert all(frame.measured.painted[drawn.names.index("halfway_line")] > 20 for frame in frames)
-    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE)
     start = replace(tripod(), surface=replace(tripod().surface, shape="parabola"))
     found = fit_tripod(frames, start, mean, sd, drawn).estimate
     assert found.growth_m[1] == pytest.approx(mean[PLACE["breadth"]], abs=0.1)
@@ -222,7 +222,7 @@ def test_boards_behind_a_goal_line_do_not_lengthen_the_pitch() -> None:
         seen = measure_ideal(head, growth, 0.1, rng)
         away = np.where(seen.marking == goal_line, 5.0, 0.0)[:, None] * seen.normals
         frames.append(HeadedFrame(str(k), head, replace(seen, points_px=seen.points_px + away)))
-    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE)
     sd[PLACE["width"]] = 0.0
     fit = pitch.choose_pitch(frames, tripod(), mean, sd, drawn, LIMIT_PX)
     sigma = np.array([fit.estimate.sigma("length"), fit.estimate.sigma("breadth")])
@@ -235,7 +235,7 @@ def test_penalty_areas_alone_do_not_tell_the_size_of_the_pitch() -> None:
     heads = [np.array([8.0, -0.5 + 0.01 * k, 1.40]) for k in range(3)]
     seen = [measure_ideal(head, growth, 0.1, rng) for head in heads]
     frames = [HeadedFrame(str(k), head, m) for k, (head, m) in enumerate(zip(heads, seen, strict=True))]
-    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE)
     moved = tripod().mean.copy()
     moved[:2] += np.array([growth[0] / 2.0, 0.0])
     fit = pitch.choose_pitch(frames, replace(tripod(), mean=moved), mean, sd, template_curves(template()), LIMIT_PX)

@@ -22,7 +22,7 @@ from tests.tracking.scenes import (
 
 
 def test_what_frames_repeat_does_not_average_out() -> None:
-    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE)
     sd[PLACE["width"]] = 0.0
     frames, drawn = views_of_badly_painted_markings(1, 1.4), template_curves(template())
     fit = fit_tripod(frames, tripod(), mean, sd, drawn)
@@ -33,7 +33,7 @@ def test_what_frames_repeat_does_not_average_out() -> None:
 
 
 def test_only_what_frames_repeat_does_not_average_out_where_little_is_left() -> None:
-    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE)
     sd[PLACE["width"]] = 0.0
     heads = [np.array([np.log(2600.0), pan, 1.38]) for pan in (0.0, -0.42)]
 
@@ -48,7 +48,7 @@ def test_only_what_frames_repeat_does_not_average_out_where_little_is_left() -> 
 
 
 def test_the_last_fit_tells_what_models_leave_of_whole_markings() -> None:
-    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE)
     sd[PLACE["width"]] = 0.0
     drawn = template_curves(template())
     for seed in (1, 3, 4):
@@ -67,7 +67,7 @@ def test_a_lever_arm_points_ahead() -> None:
     rng = np.random.default_rng(3)
     heads = [np.array([np.log(2600.0), pan, 1.38]) for pan in (0.1, 0.0, -0.2, -0.4)]
     frames = [HeadedFrame(str(head[1]), head, measure_ideal(head, np.zeros(2), 0.1, rng, -1.0)) for head in heads]
-    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE)
     sd[[PLACE["length"], PLACE["breadth"]]] = mean[[PLACE["length"], PLACE["breadth"]]] = 0.0
     fit = fit_tripod(frames, tripod(), mean, sd, template_curves(template()))
     assert fit.estimate.mean[PLACE["lever"]] == 0.0
@@ -78,7 +78,7 @@ def test_a_lever_arm_points_ahead() -> None:
 
 
 def test_a_frame_that_shows_nothing_but_a_line_that_is_left_out_takes_nothing_from_the_others() -> None:
-    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE)
     frames, drawn = views_of_a_pitch(105.0, 68.0), template_curves(template())
     bare = frames[0].measured
     for line in np.unique(bare.marking).tolist():
@@ -97,7 +97,7 @@ def test_where_the_camera_is_known_to_stand_its_tripod_stands() -> None:
 
     def fit(*options: str) -> TripodEstimate:
         config = load_config(None, options)
-        mean, sd = common_priors(config.camera, config.rig, template(), SIZE[0] / 1920.0)
+        mean, sd = common_priors(config.camera, config.rig, template(), SIZE)
         return fit_tripod(frames, start, mean, sd, drawn).estimate
 
     told = fit(f"camera.position_m={true.tolist()}", "camera.position_sd_m=[0.02, 0.02, 0.02]")

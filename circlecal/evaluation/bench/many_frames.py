@@ -154,7 +154,7 @@ def _draws(scenario: RigScenario, rng: np.random.Generator) -> tuple[list[Draw],
     if scenario.from_priors:
         kappa = float(rng.normal(config.k1_mean, config.k1_sd))
         surface = Surface("roof", crown_m=float(rng.normal(config.crown_m, config.crown_sd_m)))
-        shift = rng.normal(0.0, config.principal_point_sd_px, 2)
+        shift = rng.normal(0.0, config.principal_point_sd(1920, 1080))
     first = sample_camera(scenario.profile, rng, kappa=kappa)
     views = [first]
     while len(views) < scenario.frames:

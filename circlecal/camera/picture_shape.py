@@ -1,0 +1,56 @@
+"""What the shape of a picture tells of where its principal point lies: one that no camera takes was cut out of a larger
+one, whose middle nobody knows.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+WHOLE_SD_PX = 15.0
+"""Standard deviation of the principal point about the middle of a whole picture, pixels at 1920 px width. Of the
+cameras of eight real clips, which all their frames tell to 1 to 3 px, it lies 18 px rms off.
+"""
+CUT_SD_PX = 250.0
+"""That of a picture that was cut along both sides, pixels at 1920 px width: the rms along its width where 55 to 100 %
+of the larger picture's are left and every place of the cut is alike.
+"""
+SHAPES = (16 / 9, 4 / 3, 3 / 2, 5 / 4, 16 / 10, 17 / 9, 1.85, 2.0, 21 / 9, 2.35, 2.39, 11 / 9, 9 / 16, 3 / 4, 2 / 3)
+"""Width over height of the pictures that cameras take, studios and television keep, and telephones show upright."""
+SHAPE_TOLERANCE = 0.01
+"""How far a picture may be from them, as a share: 398 x 224 and 854 x 480 are 16:9. Of 82 real frames three are
+farther, 1.9 % or more, all of them pictures of a part of a screen.
+"""
+USUAL_SHAPE = 16 / 9
+"""Of the picture that one of a standard width or height was cut out of."""
+WIDTHS = (640, 720, 768, 854, 960, 1024, 1280, 1440, 1600, 1920, 2048, 2560, 3840, 4096)
+HEIGHTS = (360, 480, 540, 576, 720, 900, 1080, 1152, 1440, 2160)
+"""Pixels of pictures of video and of screens: one that has kept such a side was cut along the other only."""
+
+
+def is_cut(width: int, height: int) -> bool:
+    """Whether a picture has the shape of none that a camera takes, so that it is a part of a larger one; upright ones
+    as high as a video are, too.
+    """
+    apart = min(abs(width / height / shape - 1.0) for shape in SHAPES)
+    return apart > SHAPE_TOLERANCE or (width < height and height in HEIGHTS)
+
+
+def usual_point_sd(width: int, height: int) -> tuple[float, float]:
+    """Standard deviations of the principal point about the middle of a picture of which nothing else is known, along
+    its width and its height, in its own pixels.
+    """
+    unit = width / 1920.0
+    whole, cut = WHOLE_SD_PX * unit, CUT_SD_PX * unit
+    if not is_cut(width, height):
+        return whole, whole
+    lost_width, lost_height = USUAL_SHAPE * height - width, width / USUAL_SHAPE - height
+    if width in WIDTHS and lost_height > 0.0:
+        return whole, _with_cut(whole, lost_height)
+    if height in HEIGHTS and lost_width > 0.0:
+        return _with_cut(whole, lost_width), whole
+    return cut, cut
+
+
+def _with_cut(whole: float, lost: float) -> float:
+    """Standard deviation along a side that was shortened by so many pixels, anywhere at its two ends."""
+    return float(np.hypot(whole, lost / np.sqrt(12.0)))

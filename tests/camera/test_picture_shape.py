@@ -1,0 +1,54 @@
+"""What the shape of a picture tells of its principal point."""
+
+import numpy as np
+import pytest
+
+from circlecal.api.calls import calibrate_picture
+from circlecal.camera.picture_shape import is_cut, usual_point_sd
+from circlecal.config import load_config
+from circlecal.synthetic.renderer import render
+from circlecal.synthetic.sampling import sample_scene
+
+
+@pytest.mark.parametrize("size", [(1920, 1080), (854, 480), (398, 224), (720, 576), (1080, 1920), (3840, 2160)])
+def test_whole_pictures_point_at_their_middle(size):
+    assert not is_cut(*size)
+    assert usual_point_sd(*size) == pytest.approx((15.0 * size[0] / 1920.0,) * 2)
+
+
+@pytest.mark.parametrize("size", [(599, 307), (1180, 707), (1080, 1350)])
+def test_pictures_of_no_usual_shape_point_anywhere(size):
+    assert is_cut(*size)
+    assert usual_point_sd(*size) == pytest.approx((250.0 * size[0] / 1920.0,) * 2)
+
+
+def test_a_side_that_was_kept_whole_still_points_at_its_middle():
+    # a screen without its bar, and a square and an upright part of a video
+    assert usual_point_sd(2560, 1250) == pytest.approx((20.0, np.hypot(20.0, 190.0 / np.sqrt(12.0))))
+    for width in (1080, 608):
+        along, upright = usual_point_sd(width, 1080)
+        assert upright == pytest.approx(15.0 * width / 1920.0)
+        assert along == pytest.approx(np.hypot(upright, (1920.0 - width) / np.sqrt(12.0)))
+
+
+def test_a_picture_that_was_cut_out_of_a_larger_one_is_calibrated_as_such():
+    rng = np.random.default_rng([10, 11])
+    scene = sample_scene("world_whole", rng, 1920, 1080)
+    x, y, width, height = 0, 260, 1210, 820
+    picture = np.ascontiguousarray(render(scene, rng).image[y : y + height, x : x + width])
+    points = np.stack(np.meshgrid(np.linspace(-15, 15, 7), np.linspace(-12, 12, 7)), axis=-1).reshape(-1, 2)
+    there = scene.camera.project(scene.surface.lift(points)) - (x, y)
+    seen = ((there > 0) & (there < (width, height))).all(axis=1)
+    found = calibrate_picture(picture, load_config(), frame_id="cut")
+    assert found.status == "calibrated"
+
+    def farthest_px(calibration):
+        return np.linalg.norm(calibration.view.project(points[seen]) - there[seen], axis=1).max()
+
+    assert farthest_px(found) < 5.0
+    middle_px = scene.camera.principal_point_px - (x, y)
+    camera = found.attempt.camera
+    sd = np.sqrt(np.diag(camera.covariance)[7:9])
+    assert (np.abs(camera.camera.principal_point_px - middle_px) < 4.0 * sd).all()
+    whole = calibrate_picture(picture, load_config(None, ["camera.principal_point_sd_px=15"]), frame_id="cut")
+    assert whole.status == "refused" or farthest_px(whole) > 4.0 * farthest_px(found)
