@@ -139,7 +139,7 @@ def batch(
     if not quiet:
         is_chosen = bool(field or config or settings)
         SportHints.of_run(final).print_hint(chosen, is_chosen=is_chosen, camera_prior=camera_prior, venue=venue)
-    if failures:
+    if failures or counts.finished == 0:
         raise typer.Exit(2)
     if refused:
         raise typer.Exit(1)

@@ -79,7 +79,7 @@ def track(
     failures: list[Exception] = []
     videos = choose_videos(inputs, console.error_reporter(failures))
     note_late_start(videos, sampling)
-    refused = 0
+    refused, count = 0, 0
     if videos:
         if chosen.field.template == AUTO:
             chosen = name_field(videos, sampling, chosen)
@@ -100,13 +100,13 @@ def track(
                 on_note=console.print_note,
                 on_error=console.error_reporter(failures),
             )
-        refused = report.progress.refused
+        refused, count = report.progress.refused, report.progress.finished
         _write_further(videos, run, exports, out, video=video, quiet=quiet)
         _print_report(report, run, out, as_json=as_json, quiet=quiet)
         if not quiet:
             is_chosen = bool(field or config or settings)
             SportHints.of_run(out).print_hint(chosen, is_chosen=is_chosen, camera_prior=None, venue=venue)
-    if failures:
+    if failures or count == 0:
         raise typer.Exit(2)
     if refused:
         raise typer.Exit(1)

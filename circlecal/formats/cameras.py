@@ -27,6 +27,10 @@ from circlecal.results import FrameCalibration
 _GRID_M = 2.0
 CENTRED_PX = 0.01
 """How far a principal point that counts as the centre of the picture may lie from it, pixels."""
+SQUARE = 0.01
+"""Share by which pixels may be broader than high and still count as square: estimated ones are that to some
+thousandths, the narrowest of video (704 x 576 shown at 4:3) are 9 % off.
+"""
 _TANGENT_SAMPLES = 9
 _MIN_GRID = 8
 CENTRE = "centre"
@@ -94,6 +98,17 @@ class CameraFrame:
         camera = self.require_camera()
         camera = center_camera(camera, template) if holds == "centred camera" else camera
         return replace(self, camera=camera, H_image_field=H)
+
+    def with_square_pixels(self) -> CameraFrame:
+        """The frame for the picture as it is shown, where its pixels are broader or narrower than high; as it is where
+        they are square, or where no camera tells.
+        """
+        if self.camera is None:
+            return self
+        focal_x, focal_y = self.camera.focal_px.tolist()
+        if abs(focal_y / focal_x - 1.0) < SQUARE:
+            return self
+        return self.resize((max(2, round(self.width * focal_y / focal_x)), self.height))
 
     def resize(self, size: Size | None) -> CameraFrame:
         """The frame for pictures of another size; as it is where that is None.
@@ -194,7 +209,8 @@ class CalibratedFrame:
 
     def reduce(self, holds: CameraModel, size: Size | None = None) -> CameraFrame:
         """The frame as a format can say it, for pictures of another size where one is given: homographies alone, whose
-        formats have a size of their own, count in the frame's own.
+        formats have a size of their own, count in the frame's own, and cameras of square pixels in the picture as it
+        is shown where no size is given.
 
         Raises
         ------
@@ -205,6 +221,7 @@ class CalibratedFrame:
         if holds == "homography":
             return CameraFrame(self.id, self.width, self.height, None, H, self.image)
         whole = CameraFrame(self.id, self.width, self.height, self.flat, H, self.image).resize(size)
+        whole = whole.with_square_pixels() if holds == "centred camera" and size is None else whole
         return whole if whole.camera is None else whole.reduce(holds, self.template)
 
 

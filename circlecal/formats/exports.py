@@ -294,7 +294,12 @@ def convert(
         Unreadable, there is no way from the one format to the other, or a file would be written over its source.
     """
     goal = _Goal(target, _writable_annotations().get(target), camera_formats().get(target), template, size)
-    frames = [frame for path in paths for frame in _read_frames(path, source, goal)]
+    frames: list[AnnotatedFrame | CameraFrame] = []
+    for path in paths:
+        held = _read_frames(path, source, goal)
+        if not held:
+            _log.warning("%s: holds no accepted frame; left out", path)
+        frames += held
     annotations = [frame for frame in frames if isinstance(frame, AnnotatedFrame)]
     cameras = [frame for frame in frames if isinstance(frame, CameraFrame)]
     if annotations and cameras:
@@ -373,7 +378,8 @@ def _writable_annotations() -> dict[str, AnnotationFormat]:
 def _reduce(path: Path, frame: CameraFrame, target: CameraFormat, template: FieldTemplate) -> CameraFrame:
     """A camera of a file as a format holds it; an error names the file."""
     try:
-        return frame.reduce(target.holds, template)
+        shown = frame.with_square_pixels() if target.holds == "centred camera" else frame
+        return shown.reduce(target.holds, template)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
 

@@ -33,6 +33,7 @@ from circlecal.formats.shapes import AnnotatedFrame, ObservedFrame, Shape
 from circlecal.formats.soccernet import LINE_CLASSES
 from circlecal.observations import Observations
 from circlecal.pictures.files import PICTURE_SUFFIXES, PictureFile, distinct_names, walk
+from circlecal.records.log import RESULTS_NAME, is_log
 
 BESIDE_SUFFIXES = (".json", ".xml")
 """Of annotations that programs put beside pictures."""
@@ -175,7 +176,8 @@ def find_unused_annotations(frames: Sequence[PictureFile]) -> list[Path]:
 
 
 def find_convertible(inputs: Sequence[Path], format_name: str | None, out: Path) -> list[Path]:
-    """Files to convert among files and folders; in a folder those of known suffix.
+    """Files to convert among files and folders; in a folder those of known suffix, in that of a run its results alone:
+    what else lies there was written of them.
 
     Raises
     ------
@@ -186,7 +188,9 @@ def find_convertible(inputs: Sequence[Path], format_name: str | None, out: Path)
         require_format(format_name, {f.name: f for f in formats()}, "--from", "known format")
     files: list[Path] = []
     for given in inputs:
-        if is_folder(given):
+        if is_folder(given) and is_log(given / RESULTS_NAME):
+            files.append(given / RESULTS_NAME)
+        elif is_folder(given):
             found = _files_in(given, [out])
             files += [path for path in found if path.suffix.lower() in annotation_suffixes()]
         else:

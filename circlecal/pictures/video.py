@@ -97,6 +97,8 @@ def _clock(text: str, option: str) -> float:
     if match is None:
         raise InputError(f"{option} {text}: must be seconds, MM:SS or HH:MM:SS, such as 12:03.5")
     hours, minutes, seconds = match.groups(default="0")
+    if (match[2] is not None and float(seconds) >= 60.0) or (match[1] is not None and int(minutes) >= 60):
+        raise InputError(f"{option} {text}: has 60 or more minutes or seconds behind a colon; write them as such")
     return 3600.0 * int(hours) + 60.0 * int(minutes) + float(seconds)
 
 

@@ -165,6 +165,14 @@ class ResultRecord(ResultRow):
         return [f"{check.name} {check.value:.3g} of {check.limit:.3g}" for check in near]
 
     @property
+    def field_size_m(self) -> tuple[Number, Number]:
+        """Length and width of the field as it was calibrated, metres; None of a refused frame."""
+        if self.camera is None or self.field is None:
+            return None, None
+        size, sizes = self.camera.field_size, self.field.sizes or {}
+        return (sizes.get("length"), sizes.get("width")) if size is None else (size.length_m, size.width_m)
+
+    @property
     def seen(self) -> Observations | None:
         """What was seen; None where that was not reached."""
         return self.observations.observations(self.image) if self.observations and self.image else None

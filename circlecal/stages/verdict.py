@@ -420,7 +420,10 @@ def _edge_checks(
     seen = np.abs(sampson_distance(inner.conic, outer.points_px[outer.inliers]))
     rims = [camera.view.project(center + template.radius(circle, edge) * outward) for edge in ("outer", "inner")]
     across = np.abs(sampson_distance(inner.conic, rims[0]) - sampson_distance(inner.conic, rims[1]))
-    gap, predicted = float(np.nanmedian(seen)), float(np.nanmedian(across))
+    known = np.isfinite(seen) & np.isfinite(across)
+    if not known.any():  # the camera shows the rims nowhere, as one that looks at the field from below
+        return []
+    gap, predicted = float(np.median(seen[known])), float(np.median(across[known]))
     bloom = BLOOM_PX * camera.camera.width / 1920.0
     return [
         Check.of("widest_edge_gap", gap / (predicted + bloom), config.edge_gap_ratio[1]),

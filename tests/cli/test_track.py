@@ -68,7 +68,7 @@ def test_several_clips_have_a_video_and_a_venue_each(clip, tmp_path, run_circlec
 def test_nothing_after_the_end_of_a_clip_is_said(clip, tmp_path, run_circlecal):
     for command in ("track", "batch"):
         outcome = run_circlecal(command, clip, "--out", tmp_path / command, "--start", "1:39:00")
-        assert (outcome.code, "0 frames: 0 calibrated" in outcome.out) == (0, True)
+        assert (outcome.code, "0 frames: 0 calibrated" in outcome.out) == (2, True)
         assert "as its header says, and --start asks for 5940 s" in outcome.err
 
 

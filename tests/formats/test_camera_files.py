@@ -157,10 +157,13 @@ def test_pixels_that_are_not_square_become_square_in_pictures_of_another_shape(c
     """Of a picture that is stored 720 x 540 and shown 960 x 540; a field of view across tells one focal length."""
     stored = resize_camera(frame_camera, (720, 540))
     frame = replace(calibrated, width=720, view=FieldView(stored))
-    (entry,) = json.loads(broadtrack.write([frame.reduce("centred camera", (960, 540))])).values()
-    again = broadtrack.read(FILE, json_bytes({"a.jpg": entry}), None)[0].camera
-    assert (again.width, again.height) == (960, 540)
-    np.testing.assert_allclose(again.project(POINTS), frame_camera.project(POINTS), atol=0.5)
+    converted = CameraFrame("f", 720, 540, stored).with_square_pixels().reduce("centred camera", load_field("soccer"))
+    for told in (frame.reduce("centred camera", (960, 540)), frame.reduce("centred camera"), converted):
+        (entry,) = json.loads(broadtrack.write([told])).values()
+        again = broadtrack.read(FILE, json_bytes({"a.jpg": entry}), None)[0].camera
+        assert (again.width, again.height) == (960, 540)
+        np.testing.assert_allclose(again.project(POINTS), frame_camera.project(POINTS), atol=0.5)
+    assert frame.reduce("camera").camera.width == 720
 
 
 def test_a_homography_is_the_nearest_to_the_lens_in_every_way_to_it(calibrated, centred):

@@ -69,6 +69,9 @@ def test_a_start_anywhere(video, start):
 def test_an_end(video):
     assert [number for number, _ in taken(video, "1s", "10", "0:13")] == [250, 275, 300]
     assert taken(video, "1s", "1:00:00") == []
+    for wrong in ("1:75", "1:60:00"):
+        with pytest.raises(InputError, match="60 or more minutes or seconds behind a colon"):
+            Sampling.parse("1s", wrong)
     assert Sampling.parse("1s", "93:20").start_s == 93 * 60 + 20, "minutes of a match are counted past the hour"
 
 

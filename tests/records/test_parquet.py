@@ -41,9 +41,12 @@ def test_every_frame_is_a_row(run_circlecal, results, tmp_path):
     camera = found["good"]["camera"]
     assert [good[f"position_{axis}_m"] for axis in "xyz"] == camera["position_meters"]
     assert (good["focal_x_px"], good["max_sigma_px"]) == (camera["x_focal_length"], camera["max_sigma_px"])
+    assert (good["crown_shape"], good["crown_radius_m"]) == (camera["crown_shape"], camera["crown_radius_m"])
+    size = camera["field_size"]
+    assert (good["length_m"], good["width_m"]) == (size["length_m"], size["width_m"])
     assert good["config_digest"] == found["good"]["config_digest"]
     assert rows["blank"]["status"] == "refused"
-    assert rows["blank"]["H_image_field"] is None
+    assert rows["blank"]["H_image_field"] is rows["blank"]["length_m"] is None
     assert (rows["cut"]["code"], rows["cut"]["width"], rows["cut"]["time_ms"]) == ("unreadable_input", None, None)
 
 
@@ -91,6 +94,18 @@ def test_results_become_cameras_too(run_circlecal, results, frame_file, tmp_path
     assert list(ours) == list(direct)
     for key, value in direct.items():  # angles are written in degrees: a rounding each way
         assert ours[key] == pytest.approx(value, rel=1e-9), key
+
+
+def test_of_a_run_its_results_alone_are_converted(run_circlecal, results, tmp_path):
+    run, out = results[0].parent, tmp_path / "again"
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "empty" / RESULTS_NAME).touch()
+    for target in ("soccernet", "tvcalib", "broadtrack", "gamestate"):
+        run_circlecal("convert", run, "--to", target, "--out", run)
+    outcome = run_circlecal("convert", tmp_path / "empty", run, "--to", "tvcalib", "--out", out)
+    assert outcome.code == 0
+    assert "holds no accepted frame; left out" in outcome.err
+    assert len((out / "per_sample_output.json").read_text().splitlines()) == 1
 
 
 @pytest.mark.parametrize("content", [None, "nonsense\n", "[]\n", '{"id": "a"}\n'])

@@ -89,6 +89,17 @@ def test_a_covariance_that_is_singular_keeps_its_spread() -> None:
     assert np.linalg.eigvalsh(covariance).min() > -1e-12
 
 
+def test_the_table_of_cameras_has_what_a_field_is_drawn_with(tmp_path: Path) -> None:
+    record = record_of(3)
+    write_cameras(tmp_path / "cameras.csv", [record, record.model_copy(update={"camera": None})])
+    row, refused = csv.DictReader((tmp_path / "cameras.csv").open())
+    camera = record.camera
+    assert row["crown_shape"] == camera.crown_shape and float(row["crown_radius_m"]) == camera.crown_radius_m
+    sizes = camera.field_size.length_m, camera.field_size.width_m
+    assert (float(row["length_m"]), float(row["width_m"])) == pytest.approx(sizes)
+    assert not any(refused[name] for name in ("crown_shape", "crown_radius_m", "length_m", "width_m"))
+
+
 def test_names_are_no_formulas_in_the_table_of_cameras(tmp_path: Path) -> None:
     record = record_of(3).model_copy(update={"id": "=1+1_00-00-00.120", "source": SourceRecord(path="@clip.mp4")})
     write_cameras(tmp_path / "cameras.csv", [record])
