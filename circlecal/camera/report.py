@@ -198,9 +198,15 @@ def _tell_spread(
     # the camera itself first, then those about it: of one that is hardly known they may lie beyond all numbers, which
     # makes its standard deviations as large
     with np.errstate(over="ignore", invalid="ignore"):
-        cameras = homographies(np.concatenate([theta[None], spread_cameras(theta, covariance, reference_m)]), model)
+        thetas = np.concatenate([theta[None], spread_cameras(theta, covariance, reference_m)])
+        cameras = homographies(thetas, model)
     vectors = homography_vectors(cameras)
-    centers = imaged_points(cameras, np.asarray(circle.center)[None])[:, 0]
+    # of a field of another size the circle lies elsewhere
+    centers_m = (
+        np.asarray(circle.center)
+        + thetas[:, [INDEX["length"], INDEX["breadth"]]] @ template.place_shift(circle.center)[1:]
+    )
+    centers = imaged_points(cameras, centers_m[:, None])[:, 0]
     surface = replace(model.surface, crown_m=float(theta[INDEX["crown"]]))
     grid = field_about(FieldView(camera, surface), template, circle, reference_m)
     seen = project(theta[None], grid[None], model)
@@ -215,7 +221,7 @@ def _tell_spread(
         float(sigma_px.max()) if is_seen else float("inf"),
         float(sigma_m.max()) if is_seen else float("inf"),
         float(sigma_px.mean()) if is_seen else float("inf"),
-        derive_points(cameras, camera, circle),
+        derive_points(cameras, camera, circle, centers_m),
         homography_region(cameras, grid, covariance),
     )
 
@@ -299,7 +305,7 @@ def spread_quadrilateral(points: Array) -> Array:
     return np.array(chosen)
 
 
-def derive_points(cameras: Array, camera: Camera, circle: Circle) -> tuple[DerivedPoint, ...]:
+def derive_points(cameras: Array, camera: Camera, circle: Circle, centers_m: Array) -> tuple[DerivedPoint, ...]:
     """The circle's eight points, those in front of the camera, with the covariance that the camera's implies.
 
     Parameters
@@ -309,17 +315,19 @@ def derive_points(cameras: Array, camera: Camera, circle: Circle) -> tuple[Deriv
         :func:`circlecal.camera.covariance.spread_cameras` gives.
     camera, circle : Camera, Circle
         The camera, and the circle.
+    centers_m : (1 + K, 2) array
+        Its centre on the field as each of these cameras has it, metres.
     """
     angle = np.radians(np.arange(0.0, 360.0, 45.0))
     outward = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    points = np.asarray(circle.center) + circle.radius_m * outward
-    ahead = camera.depth(points) > 0
-    outward, points = outward[ahead], points[ahead]
+    points = centers_m[:, None] + circle.radius_m * outward
+    ahead = camera.depth(points[0]) > 0
+    outward, points = outward[ahead], points[:, ahead]
     pixels = imaged_points(cameras, points)
     covariances = push_forward(pixels[0], pixels[1:])
     return tuple(
         DerivedPoint(compass_label(toward), point, pixel, covariance)
-        for toward, point, pixel, covariance in zip(outward, points, pixels[0], covariances, strict=True)
+        for toward, point, pixel, covariance in zip(outward, points[0], pixels[0], covariances, strict=True)
     )
 
 

@@ -12,7 +12,8 @@ from typing import Literal, NamedTuple, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from circlecal.field import FieldTemplate
+from circlecal.field import Circle, FieldTemplate
+from circlecal.field.template import Edge
 from circlecal.geometry.camera import Camera, PlaneCamera
 from circlecal.geometry.camera_parameters import Projection, ProjectionModel, project, theta_of
 from circlecal.geometry.projective import Array, Mask
@@ -161,6 +162,17 @@ class FieldView(ShortRepr):
         """
         moves, stretches = template.growth_of(marking_m)
         return np.asarray(marking_m + self.growth_m * (moves + stretches * marking_m))
+
+    def center_of(self, circle: Circle, template: FieldTemplate) -> Array:
+        """Centre (2,) of a circle or an arc of the template on this longer and broader field, metres."""
+        return np.asarray(circle.center) + self.growth_m @ template.place_shift(circle.center)[1:]
+
+    def circle_points(self, circle: Circle, edge: Edge, angle_rad: Array, template: FieldTemplate) -> Array:
+        """Points (..., 2) on this field, metres, as :meth:`circlecal.field.template.FieldTemplate.curve_points` gives
+        them on the template's.
+        """
+        moved = self.center_of(circle, template) - circle.center
+        return np.asarray(template.curve_points(circle, edge, angle_rad) + moved)
 
     def _project_space(self, points_m: Array) -> Array:
         """Pixels (..., 2) of points (..., 3) in space."""

@@ -268,7 +268,7 @@ def derive_shapes(frame: CalibratedFrame, original: Mapping[str, Any] | None = N
     All on the centreline of the paint. Points outside the picture are left out, tangents end at its border.
     """
     name = frame.circle.name
-    center, radius = np.asarray(frame.circle.center), frame.template.radius(frame.circle, "center")
+    center, radius = frame.view.center_of(frame.circle, frame.template), frame.template.radius(frame.circle, "center")
     shapes = [Shape(f"{name} {CENTRE}", "points", frame.view.project(center[None]))]
     for angle in np.radians(np.arange(0.0, 360.0, 45.0)):
         outward = np.array([np.cos(angle), np.sin(angle)])

@@ -276,7 +276,7 @@ def _draw_center(
 ) -> None:
     circle = template.circle_by_name.get(calibration.circle_name)
     if view is not None and circle is not None:
-        center = view.project(circle.center)
+        center = view.project(view.center_of(circle, template))
     elif calibration.attempt.correspondences is not None:
         center = dehomogenise(calibration.attempt.correspondences.imaged_center)
     else:

@@ -159,7 +159,7 @@ def sample_curve(
     angle = np.radians(np.linspace(start, end, 2881))
 
     def project_edge(edge: CircleEdge, at: Array) -> Array:
-        return view.project(template.curve_points(circle, edge, at))
+        return view.project(view.circle_points(circle, edge, at, template))
 
     steps = np.linalg.norm(np.diff(project_edge("center", angle), axis=0), axis=-1)
     length = np.concatenate([[0.0], np.cumsum(np.nan_to_num(steps))])

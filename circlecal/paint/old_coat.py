@@ -140,7 +140,7 @@ def sample_coats(picture: GrayPicture, view: FieldView, circle: Circle, template
     edges = 2.0 * np.pi * np.arange(SECTORS) / SECTORS
     angle = edges[:, None] + 2.0 * np.pi / SECTORS * (np.arange(PLACES) + 0.5) / PLACES
     middle, inner, outer = (
-        view.project(template.curve_points(circle, edge, angle)) for edge in ("center", "inner", "outer")
+        view.project(view.circle_points(circle, edge, angle, template)) for edge in ("center", "inner", "outer")
     )
     tangent = np.roll(middle, -1, axis=1) - np.roll(middle, 1, axis=1)
     tangent[:, [0, -1]] = middle[:, [1, -1]] - middle[:, [0, -2]]

@@ -43,7 +43,7 @@ def predict_paint_widths(view: FieldView, circle: Circle, template: FieldTemplat
     if circle.fill == "disc":
         return np.zeros(0)
     angle = np.linspace(0.0, 2 * np.pi, ROUND, endpoint=False)
-    outer, inner = (view.project(template.curve_points(circle, edge, angle)) for edge in ("outer", "inner"))
+    outer, inner = (view.project(view.circle_points(circle, edge, angle, template)) for edge in ("outer", "inner"))
     shown = view.shows(outer) & view.shows(inner)
     return np.asarray(np.linalg.norm(outer - inner, axis=1)[shown])
 

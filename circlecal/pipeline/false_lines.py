@@ -95,10 +95,9 @@ def _measure_circle_paint(
 ) -> _Paint | None:
     """The paint of a circle or an arc that was measured where a view puts it; None where the view shows none of it."""
     circle = next(c for c in (*template.circles, *template.arcs) if c.name == seen.circle)
-    outward_m = view.to_field(seen.points_px) - circle.center
-    across = view.project(circle.center + (1.0 + STEP) * outward_m) - view.project(
-        circle.center + (1.0 - STEP) * outward_m
-    )
+    center_m = view.center_of(circle, template)
+    outward_m = view.to_field(seen.points_px) - center_m
+    across = view.project(center_m + (1.0 + STEP) * outward_m) - view.project(center_m + (1.0 - STEP) * outward_m)
     length = np.linalg.norm(across, axis=1)
     shown = length > 0.0
     if not shown.any():

@@ -115,7 +115,7 @@ def _draws_circle(setting: Setting, camera: CameraFit, placed: PlacedField) -> b
         return True
     angle = np.linspace(0.0, 2 * np.pi, ROUND, endpoint=False)
     drawn = [
-        camera.view.project(setting.template.curve_points(placed.circle, edge, angle))
+        camera.view.project(camera.view.circle_points(placed.circle, edge, angle, setting.template))
         for edge in ("outer", "center", "inner")
     ]
     off_px = [np.abs(sampson_distance(placed.conic, curve[camera.view.shows(curve)])) for curve in drawn]
@@ -164,7 +164,7 @@ def _calibrate_view(
         follows = not setting.config.field.any_circle
         circles, lines = measure_template(picture, view, template, *options, follows_curves=follows)
         circles = (*circles, *_measure_rims(setting, scene, mask, view, circles))
-        lines = leave_out_short_borders(view, template, np.asarray(setting.circle.center), lines, ends)
+        lines = leave_out_short_borders(view, template, view.center_of(setting.circle, template), lines, ends)
         # beside painted keys lines lie between two surfaces
         if has_one_paint(setting, scene, mask) and not setting.config.field.any_circle:
             lines = leave_out_streaks(scene.image, view, template, circles, lines, edges.blur_px)
@@ -183,7 +183,7 @@ def _measure_rims(
         return ()
     known, template = {circle.circle for circle in found}, setting.template
     filled = [circle for circle in template.circles if circle.fill == "logo" and circle.name not in known]
-    shown = [circle for circle in filled if view.shows(view.project(np.array([circle.center])))[0]]
+    shown = [circle for circle in filled if view.shows(view.project(view.center_of(circle, template)[None]))[0]]
     if not shown:
         return ()
     return measure_logo_rims(scene.image, view, template, shown, mask.field_region, setting.config.rays)

@@ -218,7 +218,7 @@ def _place_circle(fit: CameraFit, template: FieldTemplate, circle: Circle) -> tu
     """
     model = fit.model
     outward = np.stack([np.cos(EVEN_ANGLES), np.sin(EVEN_ANGLES)])
-    ring = np.asarray(circle.center) + template.radius(circle, "center") * outward.T
+    ring = fit.view.center_of(circle, template) + template.radius(circle, "center") * outward.T
     seen = project(fit.theta[None], ring[None], model)
     along = seen.along(-outward[None, 1], outward[None, 0])[0].T
     normals = np.stack([-along[:, 1], along[:, 0]], axis=-1) / np.maximum(np.hypot(*along.T), 1e-9)[:, None]

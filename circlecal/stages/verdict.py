@@ -181,7 +181,7 @@ def judge(attempt: Attempt, template: FieldTemplate, circle: Circle, width: int,
         exact = camera is not None and _is_exact(ellipses, camera, template, circle, unit)
         checks.append(Check.of("confirmations", float(_confirmations(cues, camera, circle, unit) + exact), 1.0))
     if camera is not None and ellipses.least_arc_deg > 0.0:
-        checks += _short_arc_checks(attempt, camera, ellipses, cues, circle, unit)
+        checks += _short_arc_checks(attempt, camera, ellipses, cues, template, circle, unit)
     failed = next((c for c in checks if not c.passed), None)
     if failed is None:
         return Verdict("calibrated", None, None, None, tuple(checks))
@@ -202,7 +202,7 @@ def _camera_checks(
     """Checks of a camera: where it stands, how well it explains what was seen, how surely it is known."""
     if ellipses.all():
         checks = _orientation_checks(camera.H_image_field, circle)
-        checks += _place_checks(camera, circle, np.asarray(circle.center), template, config)
+        checks += _place_checks(camera, circle, camera.view.center_of(circle, template), template, config)
         width_px = mean_paint_width(camera.view, circle, template)
         checks += _residual_checks(camera, cues, circle, RESIDUAL_WIDTHS * width_px, unit, config)
         checks += reach_checks(camera, cues, template, config.max_line_reach)
@@ -278,14 +278,20 @@ def _confirmations(cues: Cues, camera: CameraFit | None, circle: Circle, unit: f
 
 
 def _short_arc_checks(
-    attempt: Attempt, camera: CameraFit, ellipses: EllipseFits, cues: Cues, circle: Circle, unit: float
+    attempt: Attempt,
+    camera: CameraFit,
+    ellipses: EllipseFits,
+    cues: Cues,
+    template: FieldTemplate,
+    circle: Circle,
+    unit: float,
 ) -> list[Check]:
     """Checks of an arc of which the ellipse does not tell how long it is: as the camera puts it on the field it must be
     long enough, and other markings must confirm that camera.
     """
     seen = None if attempt.observations is None else attempt.observations.circle(circle.name, ellipses.primary.edge)
     points_px = ellipses.primary.points_px if seen is None else seen.points_px
-    off_m = camera.view.to_field(points_px) - np.asarray(circle.center)
+    off_m = camera.view.to_field(points_px) - camera.view.center_of(circle, template)
     angle = np.sort(np.arctan2(off_m[:, 1], off_m[:, 0]))
     angle = angle[np.isfinite(angle)]
     gap = np.diff(angle, append=angle[:1] + 2 * np.pi)
@@ -414,7 +420,7 @@ def _edge_checks(
     outer, inner = ellipses.outer, ellipses.inner
     if outer is None or inner is None or template.marking_width_m < MINIMUM_WIDTH_M:
         return []
-    center = np.asarray(circle.center)
+    center = camera.view.center_of(circle, template)
     offset = camera.view.to_field(outer.points_px[outer.inliers]) - center
     outward = offset / np.linalg.norm(offset, axis=-1, keepdims=True)
     seen = np.abs(sampson_distance(inner.conic, outer.points_px[outer.inliers]))

@@ -221,7 +221,7 @@ def _details(view: FieldView, form: RecordForm) -> dict[str, Any]:
     """What follows from the camera and its covariance about the circle."""
     if not isinstance(view.camera, Camera) or view.covariance is None:
         return {}
-    theta, center = theta_of_view(view), np.asarray(form.circle.center, dtype=np.float64)
+    theta, center = theta_of_view(view), view.center_of(form.circle, form.template)
     model = ProjectionModel.of(view.camera, view.surface)
     cameras = homographies(np.concatenate([theta[None], spread_cameras(theta, view.covariance, center)]), model)
     vectors, centers = homography_vectors(cameras), imaged_points(cameras, center[None])[:, 0]
@@ -233,7 +233,7 @@ def _details(view: FieldView, form: RecordForm) -> dict[str, Any]:
         "imaged_center": centers[0],
         "imaged_center_source": "camera",
         "imaged_center_covariance": push_forward(centers[0], centers[1:]),
-        "derived_points": derive_points(cameras, view.camera, form.circle),
+        "derived_points": derive_points(cameras, view.camera, form.circle, np.tile(center, (len(cameras), 1))),
         "alternatives": [{"kind": "turned_field", "H_image_field": turned.homography, "camera": turned.soccernet()}],
     }
 
