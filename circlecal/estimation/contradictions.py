@@ -99,7 +99,8 @@ def find_straining_marking(problem: Problem, state: State, kept: Collection[str 
         innovation = directions @ gradient / precision + spread @ gradient
         covariance = np.diag(1.0 / precision) + spread @ directions.T
         square = float(innovation @ np.linalg.solve(covariance, innovation))
-        sigmas = _normal_deviate(square, len(precision))
+        # of markings that tell hardly anything, rounding leaves a covariance that is none
+        sigmas = _normal_deviate(square, len(precision)) if square > 0.0 else 0.0
         if sigmas > worst:
             worst, found = sigmas, name
     return found

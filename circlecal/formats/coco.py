@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -125,7 +126,10 @@ def _polygons(polygons: Sequence[Sequence[float]], label: str, where: str) -> li
 
 
 def write(frames: Sequence[AnnotatedFrame]) -> bytes:
-    """Content of a file: single points as keypoints of one category, everything else as polygons of one per label."""
+    """Content of a file: single points as keypoints of one category, everything else as polygons of one per label, in
+    which several points of one label in a frame are one.
+    """
+    frames = [replace(frame, shapes=_join_points(frame.shapes)) for frame in frames]
     labels = sorted({shape.label for frame in frames for shape in frame.shapes if _is_single(shape)})
     curves = sorted({shape.label for frame in frames for shape in frame.shapes if not _is_single(shape)})
     categories: list[dict[str, Any]] = [{"id": 1, "name": POINTS_CATEGORY, "keypoints": labels, "skeleton": []}]
@@ -149,6 +153,22 @@ def write(frames: Sequence[AnnotatedFrame]) -> bytes:
                     "segmentation": [polygon.ravel().tolist()]
                 }))  # fmt: skip
     return json_bytes({"images": images, "categories": categories, "annotations": annotations})
+
+
+def _join_points(shapes: Sequence[Shape]) -> tuple[Shape, ...]:
+    """The shapes with several single points of one label as one shape, where the first of them stands."""
+    points: dict[str, list[Array]] = defaultdict(list)
+    for shape in shapes:
+        if _is_single(shape):
+            points[shape.label].append(shape.points_px)
+    kept, joined = [], set[str]()
+    for shape in shapes:
+        if not _is_single(shape) or len(points[shape.label]) == 1:
+            kept.append(shape)
+        elif shape.label not in joined:
+            kept.append(replace(shape, points_px=np.concatenate(points[shape.label])))
+            joined.add(shape.label)
+    return tuple(kept)
 
 
 def _is_single(shape: Shape) -> bool:

@@ -30,6 +30,10 @@ from circlecal.rig.information import deletion_gains, estimate_common, frame_inf
 from circlecal.rig.joint import JointProblem, JointState, Turning, joint_problem, minimise_joint, start_state
 from circlecal.rig.positions import group_positions
 
+SAME_PLACE_M = 0.2
+"""How far what lies at the other end of the field may be from its place there, metres: fields are drawn alike at both
+ends to a centimetre.
+"""
 SAME_LINE_PX = 6.0
 """A recognised line is the seen one that lies this near to where the camera puts it, pixels at 1920 px width."""
 ZOOM_BINS = 5
@@ -397,8 +401,12 @@ def problem_of_frame(
     unit = frame.size[0] / 1920.0
     options = suit_pixels(config, frame.aspect).camera
     model = ProjectionModel(*frame.size, Surface(options.usual_crown, circle.radius_m))
-    names = [find_opposite_line(name, template) if turned else name for name in frame.named_lines]
-    seen = restore_names(frame.observations, names, theta, template, model).without(frame.rejected)
+    observations, names, rejected = frame.observations, frame.named_lines, frame.rejected
+    if turned:
+        observations = turn_names(observations, template)
+        names = tuple(find_opposite_line(name, template) for name in names)
+        rejected = tuple(replace(key, name=find_opposite(key.name, template)) for key in rejected)
+    seen = restore_names(observations, names, theta, template, model).without(rejected)
     noise = NoiseModel(options.maximum_points, options.model_sigma_px * unit, options.correlation_px * unit)
     priors = priors_of(options, template, circle, model)
     problem = Problem(
@@ -443,12 +451,39 @@ def restore_names(
     return replace(observations, lines=tuple(lines))
 
 
+def turn_names(observations: Observations, template: FieldTemplate) -> Observations:
+    """What was seen, as it is called and where it lies after the field is turned by 180 degrees."""
+    circles = (replace(c, circle=find_opposite(c.circle, template)) for c in observations.circles)
+    named = (s if s.line is None else replace(s, line=find_opposite(s.line, template)) for s in observations.lines)
+    marks = (replace(m, mark=find_opposite(m.mark, template)) for m in observations.marks)
+    points = (
+        replace(k, field_m=-k.field_m, shift=None if k.shift is None else -k.shift) for k in observations.keypoints
+    )
+    return replace(
+        observations, circles=tuple(circles), lines=tuple(named), marks=tuple(marks), keypoints=tuple(points)
+    )
+
+
+def find_opposite(name: str, template: FieldTemplate) -> str:
+    """The marking or mark that lies where another one does after the field is turned by 180 degrees; the name itself
+    where none does.
+    """
+    if name in template.line_by_name:
+        return find_opposite_line(name, template)
+    centers = {circle.name: circle.center for circle in template.circle_by_name.values()}
+    for places in (centers, {mark.name: mark.position for mark in template.marks}):
+        for other, place in places.items() if name in places else ():
+            if np.abs(np.add(place, places[name])).max() < SAME_PLACE_M:
+                return other
+    return name
+
+
 def find_opposite_line(name: str, template: FieldTemplate) -> str:
     """The line that lies where another one does after the field is turned by 180 degrees."""
     ends = -template.line_ends(template.line_by_name[name])
     for line in template.lines:
         other = template.line_ends(line)
-        if min(np.abs(other - ends).max(), np.abs(other[::-1] - ends).max()) < 0.2:
+        if min(np.abs(other - ends).max(), np.abs(other[::-1] - ends).max()) < SAME_PLACE_M:
             return line.name
     return name
 

@@ -126,6 +126,17 @@ def test_coco_round_trip(seen, close):
     assert empty.shapes == ()
 
 
+def test_coco_keeps_all_points_of_one_label():
+    points = np.array([[100.0, 200.0], [150.0, 180.0], [210.0, 190.0]])
+    single = tuple(Shape("Circle central", "points", point[None]) for point in points)
+    mark = Shape("centre_mark", "points", np.array([[160.0, 240.0]]))
+    content = coco.write([AnnotatedFrame("a", 640, 360, (*single, mark))])
+    (again,) = coco.read(Path("coco.json"), content, None)
+    found = {shape.label: shape.points_px for shape in again.shapes}
+    np.testing.assert_array_equal(found["Circle central"], points)
+    np.testing.assert_array_equal(found["centre_mark"], mark.points_px)
+
+
 def test_coco_keypoints_that_are_not_there():
     dataset = {
         "images": [{"id": 5, "file_name": "a.jpg", "width": 100, "height": 90}],

@@ -7,18 +7,21 @@ import pytest
 
 from circlecal.camera.priors import SharedPrior
 from circlecal.config import Config, suit_pixels
-from circlecal.geometry.camera_parameters import INDEX
+from circlecal.geometry.camera_parameters import INDEX, ProjectionModel, camera_of
 from circlecal.geometry.homography import SIDES
-from circlecal.observations import LinePoints
+from circlecal.geometry.surface import Surface
+from circlecal.observations import Keypoint, LinePoints
 from circlecal.rig import estimation
 from circlecal.rig.estimation import (
     config_with_prior,
     estimate_rigs,
+    find_opposite,
     find_opposite_line,
     problem_of_frame,
     restore_names,
     select_frames,
     summarise_shared,
+    turn_names,
     with_told_relief,
 )
 from circlecal.rig.frames import RigFrame
@@ -120,6 +123,35 @@ def test_turned_fields_agree(mixed):
     assert (apart < 4 * sigma + 0.05).all()
 
 
+def test_everything_that_is_named_turns_with_the_field(mixed):
+    """The right camera explains a frame alike from either side, whatever a person has named in it."""
+    frame = mixed[0][0]
+    camera = camera_of(frame.theta, ProjectionModel(1920, 1080, Surface("flat")))
+    place = np.array([6.0, 8.0])
+    line = TEMPLATE.line_by_name["side_line_bottom"]
+    points = camera.project(np.linspace(*TEMPLATE.line_ends(line), 300))
+    points = points[((points > 0) & (points < (1920, 1080))).all(axis=1)]
+    seen = replace(
+        frame.observations,
+        lines=(*frame.observations.lines, LinePoints(line.name, points, np.full(len(points), 0.3))),
+        keypoints=(Keypoint("k", place, camera.project(place[None])[0], 0.5, np.ones((3, 2))),),
+    )
+    frame = replace(frame, observations=seen)
+
+    def cost(turned):
+        theta = frame.turn_field() if turned else frame.theta
+        problem = problem_of_frame(frame, theta, TEMPLATE, CIRCLE, CONFIG, turned=turned, grown=False)
+        return estimation._cost_alone(problem, theta)
+
+    assert cost(True) == pytest.approx(cost(False), rel=1e-3)
+    turned = turn_names(seen, TEMPLATE)
+    assert turned.lines[-1].line == "side_line_top"
+    np.testing.assert_array_equal(turned.keypoints[0].shift, -np.ones((3, 2)))
+    assert find_opposite("penalty_arc_left", TEMPLATE) == "penalty_arc_right"
+    assert find_opposite("penalty_mark_left", TEMPLATE) == "penalty_mark_right"
+    assert find_opposite("nothing", TEMPLATE) == "nothing"
+
+
 def test_the_best_frames_of_every_zoom_come_first(mixed):
     frame = mixed[0][0]
 
@@ -154,9 +186,6 @@ def test_recognised_lines_get_their_names_back(mixed):
     frame = mixed[0][0]
     seen = frame.observations
     bare = replace(seen, lines=(LinePoints(None, seen.lines[0].points_px, seen.lines[0].sigma_px),))
-    from circlecal.geometry.camera_parameters import ProjectionModel
-    from circlecal.geometry.surface import Surface
-
     model = ProjectionModel(1920, 1080, Surface("flat"))
     assert restore_names(bare, ["halfway_line"], frame.theta, TEMPLATE, model).lines[0].line == "halfway_line"
     far = replace(bare, lines=(replace(bare.lines[0], points_px=bare.lines[0].points_px + 80.0),))
