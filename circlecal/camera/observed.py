@@ -160,7 +160,7 @@ def _repeats(count: int, length_px: float, noise: NoiseModel) -> float:
 
 
 def _thin(points: Array, sigma: Array, maximum: int) -> tuple[Array, Array]:
-    """Means of neighbouring points of a straight marking, so that nothing that was measured is thrown away."""
+    """Means of neighbouring points of a straight marking, in which all count but the last ones that fill no group."""
     size = -(-len(points) // maximum)
     if size <= 1:
         return points, sigma

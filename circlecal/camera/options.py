@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, NonNegativeFloat
 
 from circlecal.camera.observed import NoiseModel
 from circlecal.camera.picture_shape import usual_point_sd
@@ -15,7 +15,8 @@ from circlecal.geometry.camera_parameters import INDEX, LOG_FOCAL, PARAMETERS, P
 from circlecal.geometry.homography import Side
 from circlecal.geometry.surface import SurfaceShape
 
-Three = tuple[float, float, float]
+Spreads = tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat]
+AboveGround = tuple[float, float, Annotated[float, Field(le=0)]]
 
 
 class KnownCamera(BaseModel):
@@ -26,8 +27,8 @@ class KnownCamera(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     name: str = Field(description="Its name, as the results have it.")
-    position_m: Three = Field(description="Where it stands, metres.")
-    position_sd_m: Three = Field(description="Prior standard deviation of that, metres.")
+    position_m: AboveGround = Field(description="Where it stands, metres.")
+    position_sd_m: Spreads = Field(description="Prior standard deviation of that, metres.")
     shared: SharedPriorConfig = Field(description="What its other frames say of it.")
     crown_shape: SurfaceShape = Field(description="Profile of the pitch, as it was found with this camera.")
     camera_side: Side = Field(description="Side of the field on which it stands.")
@@ -115,12 +116,12 @@ class CameraConfig(BaseModel):
         description="Prior standard deviation of the camera's roll about 0, degrees: 1 on a "
         "levelled tripod, more where the camera is held by hand or flies.",
     )
-    position_m: Three | None = Field(
+    position_m: AboveGround | None = Field(
         None,
         description="Where the camera stands, where that is known: metres from the centre mark, y positive towards "
         "the main camera, z negative above the ground; null where it is not.",
     )
-    position_sd_m: Three = Field(
+    position_sd_m: Spreads = Field(
         (0.5, 0.5, 0.5), description="Prior standard deviation of the position, metres, where one is given."
     )
     shared: SharedPriorConfig | None = Field(

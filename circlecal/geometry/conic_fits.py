@@ -126,7 +126,7 @@ def fit_conic(points: ArrayLike, method: str = "direct", weights: ArrayLike | No
     Parameters
     ----------
     points : (N, 2) array
-        At least five (six for ``direct``) points.
+        At least five points.
     method : {"direct", "algebraic", "taubin"}
         Fitzgibbon's direct ellipse fit in Halir and Flusser's split (always an ellipse; shrinks on short arcs), plain
         least squares on unit coefficients, or Taubin's gradient-weighted fit (unbiased down to quarter arcs; may give a

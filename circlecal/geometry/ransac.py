@@ -111,7 +111,8 @@ def ransac_conic(
         Sampling stops when, with this probability, some sample held no outlier, by the inliers of the best conic so far
         (Fischler and Bolles 1981, section II B); 1 draws them all.
     start : (3, 3) array, optional
-        An ellipse from elsewhere. Where it explains nearly all points, it is the answer, and nothing is fitted.
+        An ellipse from elsewhere. Where it explains nearly all points and ``confidence`` is less than 1, it is the
+        answer, and nothing is fitted.
 
     Returns
     -------

@@ -159,6 +159,8 @@ class TripodPart(_Part):
         missing = [name for name in FILE_NAMES if name not in self.parameters]
         if missing:
             raise ValueError(f"parameters.{missing[0]} is missing")
+        if self.parameters["axis_z_m"].mean > 0.0:
+            raise ValueError("parameters.axis_z_m is below the ground: above it, z is negative")
         if self.correlation and [len(row) for row in self.correlation] != list(range(1, len(FILE_NAMES))):
             raise ValueError(f"correlation needs {len(FILE_NAMES) - 1} rows with 1 to {len(FILE_NAMES) - 1} numbers")
         _require_distribution("correlation", self.correlations())

@@ -1,5 +1,7 @@
 """What other frames say of a frame, as a prior and as configuration."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pydantic import ValidationError
@@ -39,6 +41,21 @@ def test_jacobian_but_for_the_spread_that_grows_with_the_zoom():
     _, jacobian = told.residuals(theta[None])
     numeric = central_differences(lambda t: told.residuals(t[None])[0][0], theta, STEPS)
     np.testing.assert_allclose(jacobian[0][:, 1:], numeric[:, 1:], rtol=1e-5, atol=1e-6)
+
+
+def test_the_derivative_by_the_zoom_is_that_of_the_mean():
+    told = prior()
+    K = len(told.indices)
+    covariance = told.covariance.copy()
+    covariance[K:] = covariance[:, K:] = 0.0  # so the spread does not grow with the zoom
+    covariance[K:, K:] = 1e-12 * np.eye(len(covariance) - K)
+    told = replace(told, covariance=covariance)
+    theta = random_thetas(1, np.random.default_rng(1))[0]
+    theta[0] = 8.2
+    _, jacobian = told.residuals(theta[None])
+    numeric = central_differences(lambda t: told.residuals(t[None])[0][0], theta, STEPS)
+    assert np.abs(numeric[:, 0]).max() > 0.1
+    np.testing.assert_allclose(jacobian[0][:, 0], numeric[:, 0], rtol=1e-4, atol=1e-4)
 
 
 def test_mean_follows_the_zoom():

@@ -23,7 +23,14 @@ from circlecal.camera.field_evidence import (
 from circlecal.camera.observed import points_from_observations
 from circlecal.camera.problem import COARSE, FINAL, HARDLY_ZOOMED, evaluate, minimise, resume, reweight
 from circlecal.camera.residuals import sample_feet
-from circlecal.camera.spike_and_slab import UNSHARED_SIGMA_PX, answers_in, bend_answer, possible_worlds, share_noise
+from circlecal.camera.spike_and_slab import (
+    UNSHARED_SIGMA_PX,
+    answers_in,
+    bend_answer,
+    mix,
+    possible_worlds,
+    share_noise,
+)
 from circlecal.camera.world import FLAT_RELIEF_SHARE
 from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, level_points, project
 from circlecal.observations import LinePoints
@@ -194,6 +201,43 @@ def test_what_else_a_line_may_be_is_the_integral_over_all_places_of_its_ends():
     problem = SimpleNamespace(curves=curves, model=SimpleNamespace(width=width), loss_scale=1e6)
     state = SimpleNamespace(residuals=np.r_[np.full(5, 99.0), values, 7.0][None], feet=np.r_[np.zeros(5), t, 0.5][None])
     assert _log_evidence_of_others(problem, state, known=1) == pytest.approx(expected, abs=1e-3)
+
+
+def test_a_mixture_is_as_wide_as_its_draws():
+    """Two answers that lie apart: the second moment about the reported one is that of draws of either."""
+    rng, count = np.random.default_rng(8), 400_000
+    size = len(PARAMETERS)
+    mean = np.zeros((2, size))
+    mean[1, :2] = 3.0, -1.0
+    problem = SimpleNamespace(priors=SimpleNamespace(sd=np.full(size, np.inf)))
+    answers = []
+    for k, (kind, spread, share) in enumerate((("usual", 1.0, 0.7), ("any", 0.5, 0.3))):
+        state = SimpleNamespace(theta=mean[k : k + 1], normal=np.eye(size)[None] / spread**2)
+        world, evidence = SimpleNamespace(size=kind), np.log(share)
+        answers.append(SimpleNamespace(state=state, problem=problem, world=world, evidence=evidence))
+    posterior = mix(answers, answers[0], mean[0])
+    is_other = (rng.random(count) < 0.3)[:, None]
+    draws = np.where(is_other, mean[1, :2], 0.0) + np.where(is_other, 0.5, 1.0) * rng.normal(size=(count, 2))
+    np.testing.assert_allclose(posterior.widen(np.eye(size))[:2, :2], draws.T @ draws / len(draws), atol=0.03)
+    assert posterior.usual_share == pytest.approx(0.7) and posterior.resized_share == pytest.approx(0.3)
+    apart = np.outer(mean[1], mean[1]) + 0.25 * np.eye(size)
+    np.testing.assert_allclose(posterior.resized, apart)
+
+
+def test_a_field_beyond_the_rules_has_less_evidence_than_one_within(monkeypatch):
+    rng = np.random.default_rng(5)
+    theta = plain_theta(rng)
+    usual = priors(crown=0.03, length=8.0, breadth=6.0)
+    problem = problem_of(observed(theta, rng, sigma=0.3), usual)
+    state = minimise(problem, theta[None])
+    world = next(w for w in possible_worlds(SOCCER, usual, {"usual": 0.5, "any": 0.5}, 0.0) if not w.is_usual_size)
+    told = {}
+    for share in (1.0, 1e-3):
+        monkeypatch.setattr(
+            "circlecal.camera.field_evidence._log_share_of_sizes", lambda *given, share=share: float(np.log(share))
+        )
+        told[share] = log_evidence(world, problem, state, SOCCER, 1)
+    assert told[1e-3] - told[1.0] == pytest.approx(np.log(1e-3))
 
 
 @pytest.mark.parametrize("beyond_m", [6.0, 9.0, 11.0])

@@ -77,6 +77,18 @@ def test_derivative_in_a_direction_and_its_orientation(shape):
     np.testing.assert_array_equal(seen.upward, np.linalg.det(by_field) >= 0)
 
 
+@pytest.mark.parametrize("shape", SHAPES)
+def test_orientation_is_that_of_the_derivative_behind_the_camera_too(shape):
+    model = ProjectionModel(1920, 1080, Surface(shape, 4.0))
+    theta = random_thetas(4, np.random.default_rng(5))
+    theta[1::2, INDEX["pan"]] += np.pi
+    theta[:, [INDEX["kappa_1"], INDEX["kappa_2"]]] = 0.0  # a lens may fold what lies far out
+    seen = project(theta, np.broadcast_to(FIELD, (4, *FIELD.shape)), model)
+    behind = seen.inverse_depth < 0
+    assert behind.any() and not behind.all()
+    np.testing.assert_array_equal(seen.upward, np.linalg.det(seen.jacobians()[1]) >= 0)
+
+
 @pytest.mark.parametrize("shape", ["parabola", "roof", "hip"])
 def test_projection_equals_the_pinhole_camera_over_the_surface(shape):
     model = ProjectionModel(1280, 720, Surface(shape, 9.15))

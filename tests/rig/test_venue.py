@@ -113,6 +113,7 @@ def test_lengths_are_absolute(file):
         (("field: soccer", "field: soccer\nsport: ball"), "sport: is unknown"),
         (("head_roll_rad: {mean: 0.0", "head_roll_rad: {mean: .nan"), "tripods.0.parameters.head_roll_rad.mean"),
         (("head_roll_rad: {mean: 0.0", "head_roll_rad: {mean: 1.0e+300"), "tripods.0.parameters.head_roll_rad.mean"),
+        (("axis_z_m: {mean: -15.0", "axis_z_m: {mean: 15.0"), "parameters.axis_z_m is below the ground"),
         (("shape: roof", "shape: dome"), "tripods.0.surface.shape"),
         (("tripods:", "tripods: ["), "cannot be read"),
     ],
