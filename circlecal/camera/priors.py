@@ -218,8 +218,10 @@ class Priors:
     @property
     def standing_m(self) -> Array | None:
         """Where the camera stands (3,), metres, if that is known well."""
-        known = self.shared is not None or (self.sd[_POSITION] <= KNOWN_POSITION_SD_M).all()
-        return self.mean[_POSITION] if known else None
+        known = self.sd <= KNOWN_POSITION_SD_M
+        if self.shared is not None:
+            known[self.shared.indices] = True
+        return self.mean[_POSITION] if known[_POSITION].all() else None
 
     @cached_property
     def active(self) -> Indices:
