@@ -81,7 +81,11 @@ class SharedPrior:
         return mapping @ self.mean, covariance, spread @ self.mean[K:]
 
     def residuals(self, theta: Array) -> tuple[Array, Array]:
-        """Normalised residuals (B, K) of parameter vectors (B, P) and their Jacobian (B, K, P)."""
+        """Normalised residuals (B, K) of parameter vectors (B, P) and their Jacobian (B, K, P).
+
+        How the covariance grows with the zoom is left out of the Jacobian, and its determinant out of the sum of
+        squares: on the average the derivatives of the two balance.
+        """
         mean, covariance, slope = self.at(theta[:, 0])
         size = np.sqrt(np.einsum("bkk->bk", covariance))
         correlation = covariance / (size[:, :, None] * size[:, None, :])
