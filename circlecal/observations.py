@@ -9,6 +9,8 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
+import numpy as np
+
 from circlecal.geometry.projective import Array
 from circlecal.geometry.short_repr import ShortRepr
 
@@ -149,6 +151,33 @@ class Observations:
             lines=tuple(line for line in self.lines if line.key not in keys),
             marks=tuple(mark for mark in self.marks if mark.key not in keys),
             keypoints=tuple(point for point in self.keypoints if point.key not in keys),
+        )
+
+    def resize(self, width: int, height: int) -> Observations:
+        """What was seen as it lies in a picture of another size, whose corners are those of the picture; standard
+        deviations grow with the width.
+        """
+        factor, size = np.array([width / self.width, height / self.height]), width / self.width
+
+        def move(pixels: Array) -> Array:
+            return np.asarray((pixels + 0.5) * factor - 0.5)
+
+        return Observations(
+            width,
+            height,
+            tuple(replace(c, points_px=move(c.points_px), sigma_px=size * c.sigma_px) for c in self.circles),
+            tuple(
+                replace(
+                    line,
+                    points_px=move(line.points_px),
+                    sigma_px=size * line.sigma_px,
+                    ends=tuple(replace(end, point_px=move(end.point_px)) for end in line.ends),
+                )
+                for line in self.lines
+            ),
+            tuple(replace(m, point_px=move(m.point_px), sigma_px=size * m.sigma_px) for m in self.marks),
+            tuple(replace(p, point_px=move(p.point_px), sigma_px=size * p.sigma_px) for p in self.keypoints),
+            tuple(map(move, self.curves)),
         )
 
     def circle(self, name: str, edge: CircleEdge) -> CirclePoints | None:

@@ -227,7 +227,7 @@ def priors_of(config: CameraConfig, template: FieldTemplate, circle: Circle, mod
     if config.shared is not None:
         shared = config.shared.prior(model.width).only([name for name in PARAMETERS if sd[INDEX[name]] > 0])
         sd[shared.indices], mean[shared.indices] = np.inf, shared.mean[: len(shared.parameters)]
-    free = config.position_m is not None or shared is not None
+    free = has_position(config)
     return Priors(
         mean=mean,
         sd=sd,

@@ -81,7 +81,11 @@ class SharedPrior:
         return mapping @ self.mean, covariance, spread @ self.mean[K:]
 
     def residuals(self, theta: Array) -> tuple[Array, Array]:
-        """Normalised residuals (B, K) of parameter vectors (B, P) and their Jacobian (B, K, P)."""
+        """Normalised residuals (B, K) of parameter vectors (B, P) and their Jacobian (B, K, P).
+
+        How the covariance grows with the zoom is left out of the Jacobian, and its determinant out of the sum of
+        squares: on the average the derivatives of the two balance.
+        """
         mean, covariance, slope = self.at(theta[:, 0])
         size = np.sqrt(np.einsum("bkk->bk", covariance))
         correlation = covariance / (size[:, :, None] * size[:, None, :])
@@ -218,8 +222,10 @@ class Priors:
     @property
     def standing_m(self) -> Array | None:
         """Where the camera stands (3,), metres, if that is known well."""
-        known = self.shared is not None or (self.sd[_POSITION] <= KNOWN_POSITION_SD_M).all()
-        return self.mean[_POSITION] if known else None
+        known = self.sd <= KNOWN_POSITION_SD_M
+        if self.shared is not None:
+            known[self.shared.indices] = True
+        return self.mean[_POSITION] if known[_POSITION].all() else None
 
     @cached_property
     def active(self) -> Indices:

@@ -187,7 +187,7 @@ def _cameras(
         if camera_side_of(H, side, field_center) < 0:
             H = turn_homography(H, field_center)
         camera = camera_from_homography(H, model.width, model.height)
-        if camera is not None and camera.position_m[2] < 0 and camera.angles_rad[1] > 0:
+        if camera is not None and camera.angles_rad[1] > 0 and camera.depth(field_center) > 0:
             starts.append(theta_of(camera, model))
     return starts
 

@@ -176,7 +176,7 @@ def homography_starts(landmarks: Landmarks, around_m: Array, model: ProjectionMo
     order = np.argsort(cost, kind="stable")[:CONVERTED]
     for k in order[np.isfinite(cost[order])]:
         camera = camera_from_homography(back @ H[k] @ shift, model.width, model.height)
-        if camera is not None and camera.position_m[2] < 0 < camera.angles_rad[1]:
+        if camera is not None and camera.angles_rad[1] > 0 and camera.depth(np.zeros(2)) > 0:
             theta = theta_of(camera, model)
             theta[4:6] += around_m
             found.append(theta)

@@ -4,6 +4,9 @@ is looked at.
 Zooming in while stepping back hardly changes the picture of a circle. In focal length, angles and position that path
 is strongly bent, and an optimiser creeps along it; in the logarithms of focal length and distance, the two viewing
 angles, and the pixel of the circle's centre it is nearly a line.
+
+An overhead camera may look past its nadir, so that the circle's centre lies behind the point that it stands above. Its
+elevation then goes on beyond 90 degrees, with the azimuth of the other side: every camera has coordinates of its own.
 """
 
 from __future__ import annotations
@@ -17,7 +20,10 @@ from circlecal.geometry.projective import Array
 
 VIEWING = 7
 """The first seven parameters are replaced: log focal length, u, v, roll, log distance, azimuth, elevation."""
-_FOCAL_AND_ROLL = slice(0, 4, 3)
+LEAST_BEFORE = 0.1
+"""Of its distance the centre lies at least so much before or behind the nadir, the way the camera is panned, for steps
+in these coordinates: beside the nadir they fold back, and no step leads across.
+"""
 
 
 def to_viewing(theta: Array, center_m: Array) -> Array:
@@ -53,7 +59,7 @@ def _toward(theta: Array, center_m: Array) -> tuple[Array, Array, Array]:
 
 
 def _viewing_coordinates(theta: Array, offset: Array, seen: Array) -> Array:
-    log_focal, roll = columns_of(theta[:, _FOCAL_AND_ROLL])
+    log_focal, pan, _, roll = columns_of(theta[:, :4])
     x, y, z = columns_of(offset)
     right, down, depth = columns_of(np.where(seen[:, 2:] > 0, seen, np.nan))
     level2, focal = x * x + y * y, np.exp(log_focal)
@@ -61,9 +67,15 @@ def _viewing_coordinates(theta: Array, offset: Array, seen: Array) -> Array:
     viewing[:, 0], viewing[:, 3] = log_focal, roll
     viewing[:, 1], viewing[:, 2] = focal * right / depth, focal * down / depth
     viewing[:, 4] = 0.5 * np.log(level2 + z * z)
-    viewing[:, 5] = np.arctan2(x, y)
-    viewing[:, 6] = np.arctan2(-z, np.sqrt(level2))
+    side = np.copysign(1.0, _before_nadir(pan, x, y))
+    viewing[:, 5] = np.arctan2(side * x, side * y)
+    viewing[:, 6] = np.arctan2(-z, side * np.sqrt(level2))
     return viewing
+
+
+def _before_nadir(pan: Array | float, x: Array | float, y: Array | float) -> Array:
+    """How far the centre lies before the nadir of a camera with an offset from it, the way this is panned, metres."""
+    return np.asarray(np.cos(pan) * y - np.sin(pan) * x)
 
 
 def columns_of(rows: Array) -> list[Array] | list[float]:
@@ -84,7 +96,7 @@ def from_viewing(viewing: Array, center_m: Array) -> Array:
     # undo the roll, then pan and tilt turn the direction to the centre into this ray
     c, s = np.cos(roll) * unit, np.sin(roll) * unit
     x, y, z = c * u - s * v, s * u + c * v, focal * unit
-    ahead = -np.sqrt(np.maximum(level * level - x * x, 0.0))
+    ahead = np.copysign(np.sqrt(np.maximum(level * level - x * x, 0.0)), -level)
     theta = np.empty((len(viewing), VIEWING))
     theta[:, 0], theta[:, 3] = log_focal, roll
     theta[:, 1] = _wrap_angle(np.arctan2(towards_y, towards_x) - np.arctan2(ahead, x))
@@ -99,7 +111,7 @@ def viewing_jacobian(theta: Array, center_m: Array) -> Array:
     """Derivative (B, 7, 7) of :func:`from_viewing` at the viewing coordinates of theta (B, P).
 
     It is the inverse of that of :func:`to_viewing`: the identity where the centre lies behind the camera, nan where
-    there is none (straight above it).
+    there is none (straight above it) and near there, by :data:`LEAST_BEFORE`.
     """
     return _jacobian(theta, *_toward(theta, center_m))
 
@@ -107,12 +119,13 @@ def viewing_jacobian(theta: Array, center_m: Array) -> Array:
 def _jacobian(theta: Array, R: Array, offset: Array, local: Array) -> Array:
     ahead = local[:, 2] > 0
     is_ahead = bool(ahead.all())
-    log_focal, roll = columns_of(theta[:, _FOCAL_AND_ROLL])
+    log_focal, pan, _, roll = columns_of(theta[:, :4])
     x, y, z = columns_of(offset)
     right, down, depth = columns_of(local if is_ahead else np.where(ahead[:, None], local, 1.0))
     level2 = np.maximum(x * x + y * y, 1e-12)
     distance2 = level2 + z * z
-    level = np.sqrt(level2)
+    before = _before_nadir(pan, x, y)
+    level = np.copysign(np.sqrt(level2), before)
     focal, c, s = np.exp(log_focal), np.cos(roll), np.sin(roll)
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = columns_of(R.reshape(-1, 9))
     # of the centre before the camera by pan, tilt, roll, x, y, z: to the right, down, and ahead
@@ -135,13 +148,14 @@ def _jacobian(theta: Array, R: Array, offset: Array, local: Array) -> Array:
     if not is_ahead:
         forward[~ahead] = np.eye(VIEWING)
     try:
-        return np.asarray(np.linalg.inv(forward), dtype=np.float64)
+        inverse = np.linalg.inv(forward)
     except np.linalg.LinAlgError:
         singular = ~(np.abs(np.linalg.det(forward)) > 0)
         forward[singular] = np.eye(VIEWING)
         inverse = np.linalg.inv(forward)
         inverse[singular] = np.nan
-        return np.asarray(inverse, dtype=np.float64)
+    inverse[ahead & (np.abs(before) < LEAST_BEFORE * np.sqrt(distance2))] = np.nan
+    return np.asarray(inverse, dtype=np.float64)
 
 
 def _wrap_angle(angle: Array) -> Array:

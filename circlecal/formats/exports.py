@@ -319,7 +319,7 @@ def convert(
 def _warn_of_losses(
     frames: Sequence[AnnotatedFrame], contents: Mapping[Path, bytes], target: AnnotationFormat, template: FieldTemplate
 ) -> None:
-    """Say which markings and points of the field are in frames, and not in the files that were made of them."""
+    """Say which markings, edges and points of the field are in frames, and not in the files that were made of them."""
     sizes = [(frame.width, frame.height) for frame in frames]
     files = zip(contents.items(), sizes, strict=False)
     again = [read for (path, content), size in files for read in target.read(path, content, size)]
@@ -328,6 +328,15 @@ def _warn_of_losses(
         lost = sorted(words for what, words in said.items() if what not in kept)
         if lost:
             _log.warning("%s: %s cannot say %s; left out", frame.id, target.name, ", ".join(lost))
+        drawn = ", ".join(sorted(_say_edges(frame) - _say_edges(read)))
+        if drawn:
+            _log.warning("%s: %s cannot say %s; drawn as the middle of the paint", frame.id, target.name, drawn)
+
+
+def _say_edges(frame: AnnotatedFrame) -> set[str]:
+    """The edges of circular markings on which points of a frame lie, in words."""
+    circles = () if frame.observations is None else frame.observations.circles
+    return {f"the {circle.edge} edge of {circle.circle}" for circle in circles if circle.edge != "center"}
 
 
 def _say_what(frame: AnnotatedFrame, template: FieldTemplate, target: AnnotationFormat) -> dict[object, str]:

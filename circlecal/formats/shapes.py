@@ -107,8 +107,16 @@ class AnnotatedFrame:
             sizes = f"{self.width}x{self.height}, the picture {width}x{height}"
             raise InputError(f"{self.id}: the annotation is of {sizes}, which has another aspect")
         factor = np.array([width / self.width, height / self.height])
-        shapes = tuple(replace(shape, points_px=(shape.points_px + 0.5) * factor - 0.5) for shape in self.shapes)
-        return replace(self, width=width, height=height, shapes=shapes, observations=None)
+        shapes = tuple(
+            replace(
+                shape,
+                points_px=(shape.points_px + 0.5) * factor - 0.5,
+                sigma_px=None if shape.sigma_px is None else float(factor[0]) * shape.sigma_px,
+            )
+            for shape in self.shapes
+        )
+        seen = None if self.observations is None else self.observations.resize(width, height)
+        return replace(self, width=width, height=height, shapes=shapes, observations=seen)
 
 
 @dataclass(frozen=True, slots=True)

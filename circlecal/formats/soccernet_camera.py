@@ -48,7 +48,7 @@ class CameraKeys(FileModel):
     image_height: Side | None = None
 
     def camera(self, path: Path, size: Size | None) -> Camera:
-        """The camera at its own size.
+        """The camera at its own size: the file's, else the given one, else what the principal point tells.
 
         Raises
         ------
@@ -58,14 +58,12 @@ class CameraKeys(FileModel):
         further = (*self.radial_distortion[2:], *self.tangential_distortion, *self.thin_prism_distortion)
         if any(further):
             raise InputError(f"{path}: only the first two of radial_distortion can be read; the others must be 0")
-        width, height = require_size(path, size, self._size())
+        width, height = require_size(path, (self.image_width, self.image_height), size, self._guess_size())
         radial = (*self.radial_distortion, 0.0, 0.0)[:2]
         return camera_from_soccernet({**self.model_dump(), "radial_distortion": radial}, width, height)
 
-    def _size(self) -> Size | None:
-        """The size in the file, else twice the principal point or one more, whichever is even."""
-        if self.image_width is not None and self.image_height is not None:
-            return self.image_width, self.image_height
+    def _guess_size(self) -> Size | None:
+        """Twice the principal point or one more, whichever is even."""
         sides = []
         for center in self.principal_point:
             side = next((s for s in (2.0 * center, 2.0 * center + 1.0) if s % 2 == 0), None)

@@ -63,8 +63,7 @@ def read(path: Path, content: bytes, size: Size | None) -> list[CameraFrame]:
     names = distinct_names([stem_of(sample.image_ids) for _, sample in samples])
     frames = []
     for name, (number, sample) in zip(names, samples, strict=True):
-        found = (sample.image_width, sample.image_height) if sample.image_width and sample.image_height else None
-        camera = sample.camera(path, found or size)
+        camera = sample.camera(path, size)
         H = _field_to_image(path, number, sample)
         frames.append(CameraFrame(name, camera.width, camera.height, camera, H, sample.image_ids))
     return frames

@@ -333,7 +333,9 @@ def camera_from_homography(H_image_field: ArrayLike, width: int, height: int) ->
     """Camera with square pixels and the principal point at the image centre from a homography.
 
     The focal length follows from the orthogonality and the equal length of the first two columns of ``K^-1 H`` (H&Z
-    section 8.6; weighted least squares of both constraints). None where no positive focal length fits.
+    section 8.6; weighted least squares of both constraints). None where no positive focal length fits. The view is
+    taken to be an unmirrored one from above, det H > 0 in front, whatever part of the field it shows: of a mirrored one
+    the camera has behind it what is seen.
     """
     center = image_center(width, height)
     shift = np.array([[1.0, 0.0, -center[0]], [0.0, 1.0, -center[1]], [0.0, 0.0, 1.0]])
@@ -351,7 +353,7 @@ def camera_from_homography(H_image_field: ArrayLike, width: int, height: int) ->
     focal = 1.0 / np.sqrt(w)
     columns = np.diag([1 / focal, 1 / focal, 1.0]) @ h
     columns = columns / np.sqrt(np.linalg.norm(columns[:, 0]) * np.linalg.norm(columns[:, 1]))
-    if columns[2, 2] < 0:
+    if np.linalg.det(columns) < 0:
         columns = -columns
     u, _, vt = np.linalg.svd(columns[:, :2], full_matrices=False)
     r12 = u @ vt

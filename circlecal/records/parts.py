@@ -388,12 +388,15 @@ class MarkRecord(RecordPart):
 
 
 class KeypointRecord(RecordPart):
-    """A point of known place that was seen."""
+    """A point of known place that was seen; ``shift`` is how it moves with the width of the markings, the length and
+    the width of the field, null where it does not.
+    """
 
     name: Text
     field_m: Pair
     point_px: Pair
     sigma_px: Number
+    shift: Annotated[list[Pair], Field(min_length=3, max_length=3)] | None = None
 
 
 class ObservationsRecord(RecordPart):
@@ -421,7 +424,13 @@ class ObservationsRecord(RecordPart):
             ),
             tuple(MarkPoint(m.mark, as_array(m.point_px), float(as_array(m.sigma_px))) for m in self.marks),
             tuple(
-                Keypoint(k.name, as_array(k.field_m), as_array(k.point_px), float(as_array(k.sigma_px)))
+                Keypoint(
+                    k.name,
+                    as_array(k.field_m),
+                    as_array(k.point_px),
+                    float(as_array(k.sigma_px)),
+                    None if k.shift is None else as_array(k.shift),
+                )
                 for k in self.keypoints
             ),
         )

@@ -137,6 +137,7 @@ def write_observations(seen: Observations) -> dict[str, Any]:
         "marks": [{"mark": m.mark, "point_px": _round(m.point_px), "sigma_px": m.sigma_px} for m in seen.marks],
         "keypoints": [
             {"name": k.name, "field_m": _round(k.field_m), "point_px": _round(k.point_px), "sigma_px": k.sigma_px}
+            | ({} if k.shift is None else {"shift": k.shift})
             for k in seen.keypoints
         ],
     }

@@ -20,7 +20,7 @@ from circlecal.camera.spike_and_slab import shares_of_all_sizes
 from circlecal.camera.world import BREADTH, FLAT_RELIEF_SHARE, FLAT_SD_M, LENGTH, Size, World
 from circlecal.config import Config, suit_pixels
 from circlecal.field import Circle, FieldTemplate
-from circlecal.geometry.camera_parameters import INDEX, POSITION, ProjectionModel
+from circlecal.geometry.camera_parameters import PARAMETERS, POSITION, ProjectionModel
 from circlecal.geometry.homography import side_of_place
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import Surface
@@ -191,12 +191,20 @@ def _choose_larger(first: Rig, rest: Rig) -> Rig:
 
 def _stand_together(first: Rig, second: Rig, config: Config) -> bool:
     """Whether two rigs stand where one camera may stand: then the frames of one of them do not fit it."""
-    found = [estimate_common(rig.problem, rig.state) for rig in (first, second)]
-    places = [[list(rig.problem.shared).index(INDEX[name]) for name in "xyz"] for rig in (first, second)]
-    apart = found[0][0][places[0]] - found[1][0][places[1]]
-    spread = sum(covariance[np.ix_(at, at)] for (_, covariance), at in zip(found, places, strict=True))
-    spread = spread + config.rig.same_position_m**2 * np.eye(3)
+    (place, spread), (other_place, other_spread) = (_locate(rig) for rig in (first, second))
+    apart = place - other_place
+    spread = spread + other_spread + config.rig.same_position_m**2 * np.eye(3)
     return bool(apart @ np.linalg.solve(spread, apart) < chdtri(3, 1.0 - SAME_CAMERA))
+
+
+def _locate(rig: Rig) -> tuple[Array, Array]:
+    """Where a rig's camera or its pan axis stands (3,), metres, and the covariance of that, 0 along what is fixed."""
+    mean, covariance = estimate_common(rig.problem, rig.state)
+    shared, count = rig.problem.shared, len(rig.problem.shared)
+    theta, spread = rig.problem.base, np.zeros((len(PARAMETERS), len(PARAMETERS)))
+    theta[shared] = mean[:count]
+    spread[np.ix_(shared, shared)] = covariance[:count, :count]
+    return theta[POSITION], spread[POSITION, POSITION]
 
 
 def _select_best(group: _Group, config: Config) -> _Group:
@@ -514,9 +522,13 @@ def _normal_log_density(value: float, sd: float) -> float:
 def config_with_prior(config: Config, prior: SharedPrior, width: int) -> Config:
     """The configuration for a frame of which other frames say something."""
     config = with_told_relief(config, prior)
-    place = [prior.parameters.index(name) for name in ("x", "y", "z")]
-    position = prior.mean[place]
-    spread = np.hypot(np.sqrt(np.diag(prior.covariance)[place]), prior.deviation_sd[place])
+    known = {name: k for k, name in enumerate(prior.parameters)}
+    # what the configuration fixes is no part of the prior
+    position, spread = np.array(config.camera.position_m or np.zeros(3)), np.array(config.camera.position_sd_m)
+    free = [axis for axis, name in enumerate("xyz") if name in known]
+    place = [known["xyz"[axis]] for axis in free]
+    position[free] = prior.mean[place]
+    spread[free] = np.hypot(np.sqrt(np.diag(prior.covariance)[place]), prior.deviation_sd[place])
     side = side_of_place(position)
     camera = config.camera.model_copy(
         update={

@@ -20,7 +20,7 @@ from circlecal.camera.residuals import sample_feet
 from circlecal.geometry.camera_parameters import ANGLES, INDEX, PARAMETERS, POSITION
 from circlecal.geometry.least_squares import Step, StoppingRule, minimise
 from circlecal.geometry.projective import Array, Indices, Mask
-from circlecal.rig.tripod import COMMON, PLACE, TripodModel
+from circlecal.rig.tripod import COMMON, PLACE, TripodModel, unwrap_pan
 
 OWN = ("log_focal", "pan", "tilt", "bloom")
 """Parameters that belong to a frame."""
@@ -152,10 +152,13 @@ class JointProblem:
         return turned, by_turning
 
     def heads_of(self, theta: Array, common: Array) -> Array:
-        """Parameters (F, P) on the head of cameras (F, P), for the common parameters' lean and lever arm."""
-        if not self.is_on_tripod:
-            return theta.copy()
+        """Parameters (F, P) on the head of cameras (F, P), for the common parameters' lean and lever arm; the pans are
+        those of :func:`circlecal.rig.tripod.unwrap_pan`.
+        """
         found = theta.copy()
+        if not self.is_on_tripod:
+            found[:, INDEX["pan"]] = unwrap_pan(theta[:, INDEX["pan"]], theta[0, POSITION])
+            return found
         model, _, shared = self.tripod(theta, common)
         found[:, ANGLES], found[:, POSITION] = model.head_of(theta, shared[0])
         return found

@@ -92,6 +92,7 @@ class RigReport:
         cameras = []
         for rig in self.rigs:
             values = summarise_shared(rig)
+            told = {name: list(values[name]) if name in values else None for name in ("x", "y", "z", "kappa_1")}
             roll = values.get("roll")
             cameras.append(
                 {
@@ -99,9 +100,8 @@ class RigReport:
                     "frames": len(self.by_camera.get(rig.name, ())),
                     "used": len(rig.used),
                     "left_out": list(rig.left_out),
-                    **{name: list(values[name]) for name in ("x", "y", "z")},
+                    **told,
                     "roll_deg": None if roll is None else [math.degrees(v) for v in roll],
-                    "kappa_1": list(values["kappa_1"]) if "kappa_1" in values else None,
                 }
             )
         return {

@@ -54,6 +54,10 @@ _ZOOM_FROM = np.array([PLACE[f"{name}_by_zoom"] for name in _ZOOMED])
 _AXIS, _LEAN, _LEVER = slice(0, 3), slice(3, 5), slice(6, 8)
 _LEAST_AHEAD = 0.1
 """Of a direction that was on the optical axis before the head turned: no head turns by 84 degrees between frames."""
+LEAST_TO_MIDDLE_RAD = -0.63 * np.pi
+"""From which on directions to the middle of the field are counted, so that those of two estimates of one place hardly
+ever differ by a turn: between the places of cameras behind a goal and of those beyond a corner of the far side.
+"""
 _ROLL, _BLOOM = PLACE["head_roll"], INDEX["bloom"]
 
 
@@ -176,10 +180,14 @@ class TripodModel:
         return np.column_stack([theta[:, LOG_FOCAL], angles[:, :2], theta[:, _BLOOM]])
 
     def head_of(self, theta: Array, common: Array) -> tuple[Array, Array]:
-        """Pan, tilt and roll (F, 3) on the head of cameras (F, P), and where its axes meet (F, 3)."""
+        """Pan, tilt and roll (F, 3) on the head of cameras (F, P), and where its axes meet (F, 3); the pans are those
+        of :func:`unwrap_pan`.
+        """
         rotation = rotations_by(theta[:, ANGLES])
         lever = self._lever(theta[:, :1] - self.log_focal, common[None])
-        return angles_of(rotation @ _lean_back(common).swapaxes(-1, -2)), theta[:, POSITION] - lever * rotation[:, 2]
+        angles = angles_of(rotation @ _lean_back(common).swapaxes(-1, -2))
+        angles[:, 0] = unwrap_pan(angles[:, 0], common[_AXIS])
+        return angles, theta[:, POSITION] - lever * rotation[:, 2]
 
     def _thetas(self, own: Array, common: Array, rotation: Array, angles: Array) -> Array:
         zoom = own[:, :1] - self.log_focal
@@ -389,6 +397,15 @@ def angles_of(rotation: Array) -> Array:
     tilt = np.arctan2(np.hypot(o[:, 0, 2], o[:, 1, 2]), o[:, 2, 2])
     roll = np.arctan2(-(cp * o[:, 0, 1] + sp * o[:, 1, 1]), cp * o[:, 0, 0] + sp * o[:, 1, 0])
     return np.stack([pan, tilt, roll], axis=-1)
+
+
+def unwrap_pan(pan: Array, axis_m: Array) -> Array:
+    """Pans, radians, less than half a turn from the direction from a pan axis (2 or more,), metres, to the middle of
+    the field: those of a camera on its far side do not jump from pi to -pi where it looks straight across.
+    """
+    to_middle = np.arctan2(-axis_m[0], axis_m[1])
+    to_middle += 2.0 * np.pi * (to_middle < LEAST_TO_MIDDLE_RAD)
+    return np.asarray(pan + 2.0 * np.pi * np.round((to_middle - pan) / (2.0 * np.pi)))
 
 
 def _tilt_axis(roll: Array) -> Array:

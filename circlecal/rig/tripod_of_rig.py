@@ -26,10 +26,13 @@ def tripod_of_rig(rig: Rig) -> TripodEstimate:
     found, spread = estimate_common(problem, state)
     shared = [_SAME_NAME.get(PARAMETERS[k], PARAMETERS[k]) for k in problem.shared]
     slopes = [f"{PARAMETERS[k]}_by_zoom" for k in problem.zoomed]
-    at = [PLACE[name] for name in (*shared, *slopes, *TURNING)]
+    at = [PLACE[name] for name in (*shared, *slopes, *(TURNING[k] for k in problem.turning.free))]
     mean, covariance = np.zeros(len(COMMON)), np.zeros((len(COMMON), len(COMMON)))
-    for name in (n for n in PARAMETERS if n in PLACE):
-        mean[PLACE[name]] = problem.base[INDEX[name]]
+    for name, value in zip(PARAMETERS, problem.base, strict=True):
+        place = PLACE.get(_SAME_NAME.get(name, name))
+        if place is not None:
+            mean[place] = value
+    mean[[PLACE[name] for name in TURNING]] = problem.turning.mean
     mean[at] = found
     covariance[np.ix_(at, at)] = spread
     deviating = [PLACE[_SAME_NAME.get(PARAMETERS[k], PARAMETERS[k])] for k in problem.deviating]

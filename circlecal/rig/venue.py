@@ -25,7 +25,7 @@ from circlecal.geometry.homography import side_of_place
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import Surface, SurfaceShape
 from circlecal.results.numbers import show_with_sigma
-from circlecal.rig.tripod import COMMON, PLACE, PaintersShare, TripodEstimate, Venue
+from circlecal.rig.tripod import COMMON, PLACE, PaintersShare, TripodEstimate, Venue, unwrap_pan
 from circlecal.yaml_text import YamlError, dump_yaml, read_yaml
 
 VENUE_NAME = "venue.yaml"
@@ -186,6 +186,8 @@ class TripodPart(_Part):
             np.array([np.log(self.range.focal_px[k]), *np.radians([self.range.pan_deg[k], self.range.tilt_deg[k]])])
             for k in (0, 1)
         )
+        pan = (low[1] + high[1]) / 2.0
+        turn = np.array([0.0, unwrap_pan(pan, mean[:2]) - pan, 0.0])
         return TripodEstimate(
             name=self.name,
             size=self.picture_px,
@@ -193,8 +195,8 @@ class TripodPart(_Part):
             surface=Surface(self.surface.shape, self.surface.crown_radius_m, float(mean[PLACE["crown"]])),
             mean=mean,
             covariance=self.correlations() * np.outer(sd, sd),
-            head_low=low,
-            head_high=high,
+            head_low=low + turn,
+            head_high=high + turn,
             used=tuple(self.frames),
             left_out=tuple(self.left_out),
             painters=None if self.painters is None else self.painters.share(sd),
@@ -367,23 +369,20 @@ def prior_of_tripod(tripod: TripodEstimate) -> SharedPrior:
 
     Position, roll and lens follow the head. Over the range in which the head was seen they have a mean and a spread:
     the spread becomes the deviation that a single frame is allowed, and what is uncertain of the tripod itself the
-    covariance.
+    covariance. What is fixed is known as well, to next to nothing.
     """
     low, high = tripod.head_low, tripod.head_high
     pan, tilt = (np.linspace(low[k], high[k], _HEAD_STEPS) for k in (1, 2))
     heads = np.stack(np.meshgrid([tripod.log_focal], pan, tilt, indexing="ij"), axis=-1).reshape(-1, 3)
     thetas = tripod.model.thetas(heads, tripod.mean)
     mapping = tripod.model.derivatives(heads, tripod.mean)[1].mean(axis=0)
-    variance = np.diag(mapping @ tripod.whole_covariance @ mapping.T) + thetas.var(axis=0)
-    names = tuple(name for name in SHARED if variance[INDEX[name]] > 0)
-    zoomed = tuple(name for name in ZOOMED if name in names)
-    at, slopes = [INDEX[name] for name in names], [PLACE[f"{name}_by_zoom"] for name in zoomed]
+    at, slopes = [INDEX[name] for name in SHARED], [PLACE[f"{name}_by_zoom"] for name in ZOOMED]
     both = np.concatenate([mapping[at], np.eye(len(tripod.mean))[slopes]])
     covariance = both @ tripod.whole_covariance @ both.T
     covariance[np.diag_indices_from(covariance)] += _LEAST_SD**2
     return SharedPrior(
-        parameters=names,
-        zoomed=zoomed,
+        parameters=SHARED,
+        zoomed=ZOOMED,
         log_focal=tripod.log_focal,
         mean=np.concatenate([thetas.mean(axis=0)[at], tripod.mean[slopes]]),
         covariance=covariance,

@@ -87,7 +87,7 @@ def solve(observations: Observations, template: FieldTemplate, circle: Circle, r
     if solution is None:
         raise failure("degenerate", "the keypoints leave the homography undetermined")
     camera = camera_from_homography(solution.H, observations.width, observations.height)
-    if camera is None or camera.position_m[2] >= 0:
+    if camera is None or (camera.depth(kept.field_m) <= 0).any():
         return solution.H
     return refine(kept, theta_of(camera, _model(observations, circle)), observations, template, circle)
 

@@ -142,7 +142,7 @@ def pinhole_center(conic: Array, line: Array, size: tuple[int, int]) -> Array | 
     for candidate in pinhole_centers(conic, line, image_center(width, height), width):
         H = homography_from_circle(conic, candidate.center, line, np.zeros(2), 1.0, np.array([0.0, 1.0]))
         camera = None if H is None else camera_from_homography(H, width, height)
-        if camera is None or camera.position_m[2] >= 0:
+        if camera is None or camera.depth(np.zeros(2)) <= 0:
             continue
         roll = float(camera.angles_rad[2]) / USUAL_ROLL_RAD
         distance = np.log(np.linalg.norm(camera.position_m) / USUAL_DISTANCE_RADII) / USUAL_DISTANCE_LOG_SD

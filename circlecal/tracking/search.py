@@ -18,7 +18,7 @@ from circlecal.detection.ridges import find_ridges
 from circlecal.field import FieldTemplate
 from circlecal.geometry.camera_parameters import KAPPA_1, LOG_ASPECT, POSITION, PRINCIPAL, rotations
 from circlecal.geometry.projective import Array
-from circlecal.rig.tripod import TripodEstimate
+from circlecal.rig.tripod import TripodEstimate, unwrap_pan
 from circlecal.tracking.markings import DrawnTemplate, grow_places
 
 WIDTH_PX = 560
@@ -127,9 +127,10 @@ def _grid(tripod: TripodEstimate, template: FieldTemplate) -> Array:
     """Heads (G, 3) that look at the field, with zooms and tilts near the known ones."""
     low, high = tripod.head_low, tripod.head_high
     zooms = _range(low[0] - ZOOM_BEYOND, high[0] + ZOOM_BEYOND, STEP_ZOOM)
-    x, y = tripod.mean[:2]
+    axis_m = tripod.mean[:2]
     half = np.array([template.length_m, template.width_m]) / 2.0
-    pans = np.array([np.arctan2(sx * half[0] - x, -(sy * half[1] - y)) for sx in (-1, 1) for sy in (-1, 1)])
+    to_corners = half * np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]]) - axis_m
+    pans = unwrap_pan(np.arctan2(to_corners[:, 0], -to_corners[:, 1]), axis_m)
     parts = []
     for zoom in zooms:
         step = STEP_PX * tripod.size[0] / WIDTH_PX / np.exp(zoom)

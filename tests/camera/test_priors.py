@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from circlecal.camera.options import CameraConfig, priors_of
 from circlecal.camera.priors import Priors, SharedPrior, SharedPriorConfig
-from circlecal.geometry.camera_parameters import PARAMETERS
+from circlecal.config import load_config
+from circlecal.geometry.camera_parameters import PARAMETERS, ProjectionModel
+from circlecal.geometry.surface import Surface
+from circlecal.pipeline import field_of
 
 from .conftest import STEPS, central_differences, random_thetas
 
@@ -56,6 +60,19 @@ def test_the_derivative_by_the_zoom_is_that_of_the_mean():
     numeric = central_differences(lambda t: told.residuals(t[None])[0][0], theta, STEPS)
     assert np.abs(numeric[:, 0]).max() > 0.1
     np.testing.assert_allclose(jacobian[0][:, 0], numeric[:, 0], rtol=1e-4, atol=1e-4)
+
+
+def test_a_shared_prior_of_the_lens_alone_leaves_the_place_to_its_own_priors():
+    template, circle = field_of(load_config())
+    model = ProjectionModel(1920, 1080, Surface("roof", circle.radius_m))
+    lens, whole = (SharedPriorConfig.of(told, 1920) for told in (prior().only(["pp_x", "kappa_1"]), prior()))
+    usual, of_lens, of_all = (
+        priors_of(CameraConfig(shared=shared), template, circle, model) for shared in (None, lens, whole)
+    )
+    assert of_lens.standing_m is None and np.isfinite(usual.distance_log_sd)
+    assert (of_lens.distance_log_sd, of_lens.elevation_sd_rad) == (usual.distance_log_sd, usual.elevation_sd_rad)
+    np.testing.assert_array_equal(of_all.standing_m, [3.0, 62.0, -15.0])
+    assert not np.isfinite([of_all.distance_log_sd, of_all.elevation_sd_rad]).any()
 
 
 def test_mean_follows_the_zoom():

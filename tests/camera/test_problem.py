@@ -104,6 +104,19 @@ def test_minimise_finds_the_truth_from_aside_and_keeps_what_is_fixed():
     assert np.abs(departure).max() < 1e-6
 
 
+@pytest.mark.parametrize("y_m", [6.0, 1.0, -1.0, -6.0])
+def test_minimise_finds_an_overhead_camera_on_whichever_side_of_the_centre_it_stands(y_m):
+    theta = np.zeros(len(PARAMETERS))
+    theta[:7] = [np.log(1200.0), 0.0, 0.15, 0.01, 2.0, y_m, -40.0]
+    rng = np.random.default_rng(1)
+    anywhere = replace(priors(), distance_log_sd=np.inf, elevation_sd_rad=np.inf)
+    problem = problem_of(observed(theta, rng), anywhere)
+    aside = theta.copy()
+    aside[:7] += [0.01, 0.01, 0.005, 0.0, 0.3, 0.3, 0.3]
+    found = minimise(problem, np.stack([aside, theta]), FINAL)
+    assert found.cost[0] == pytest.approx(found.cost[1], abs=1e-2)
+
+
 def test_cost_never_grows_with_more_iterations():
     rng = np.random.default_rng(4)
     theta = plain_theta(rng)

@@ -44,6 +44,14 @@ def test_closed_forms_hold_the_true_camera(with_mark):
         assert (np.sin(starts[:, 2]) > 0).all()
 
 
+def test_closed_forms_hold_a_camera_that_has_the_middle_of_the_field_behind_it():
+    center, position = np.array([41.5, 0.0]), np.array([20.0, 8.0, -9.0])
+    camera = aim_camera(position, np.r_[center, 0.0], 1500.0, 0.0, 1920, 1080)
+    assert camera.depth(np.zeros(2)) < 0
+    starts = closed_form_starts(*seen_by(camera, center), UP, center, 9.15, MODEL, "main")
+    assert np.abs(starts[:, 4:7] - position).max(axis=1).min() < 1e-3
+
+
 def test_without_a_line_there_is_no_closed_form():
     theta = random_thetas(1, np.random.default_rng(1))[0]
     theta[7:] = 0.0

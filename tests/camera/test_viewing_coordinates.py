@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from circlecal.camera.viewing_coordinates import (
+    LEAST_BEFORE,
     VIEWING,
     from_viewing,
     to_viewing,
@@ -33,6 +34,42 @@ def test_round_trip(azimuth):
     difference = back - theta[:, :VIEWING]
     difference[:, 1] = (difference[:, 1] + np.pi) % (2 * np.pi) - np.pi
     np.testing.assert_allclose(difference, 0.0, atol=1e-9)
+
+
+def _overhead_cameras(rng, count=40):
+    """Cameras above the circle, most of whose nadirs it surrounds, that pan anywhere."""
+    theta = np.zeros((count, len(PARAMETERS)))
+    theta[:, 0] = rng.uniform(6.8, 7.4, count)
+    theta[:, 1] = rng.uniform(-np.pi, np.pi, count)
+    theta[:, 2] = rng.uniform(0.05, 0.4, count)
+    theta[:, 3] = rng.normal(0, 0.3, count)
+    theta[:, 4:6] = rng.uniform(-15, 15, (count, 2))
+    theta[:, 6] = -rng.uniform(30, 60, count)
+    return theta
+
+
+def test_overhead_cameras_come_back_on_whichever_side_of_the_centre_they_stand():
+    theta, center = _overhead_cameras(np.random.default_rng(4)), np.array([0.3, -0.2])
+    viewing = to_viewing(theta, center)
+    assert 10 < (viewing[:, 6] > np.pi / 2).sum() < 30
+    difference = from_viewing(viewing, center) - theta[:, :VIEWING]
+    difference[:, 1] = (difference[:, 1] + np.pi) % (2 * np.pi) - np.pi
+    np.testing.assert_allclose(difference, 0.0, atol=1e-9)
+
+
+def test_jacobian_of_overhead_cameras_predicts_small_steps_and_is_none_beside_the_nadir():
+    rng = np.random.default_rng(5)
+    theta, center = _overhead_cameras(rng), np.zeros(2)
+    toward = np.stack([np.sin(theta[:, 1]), -np.cos(theta[:, 1])], axis=-1)
+    before = -(toward * theta[:, 4:6]).sum(axis=1) / np.linalg.norm(theta[:, 4:7], axis=1)
+    jacobian, look = viewing_jacobian(theta, center), to_viewing(theta, center)
+    np.testing.assert_array_equal(np.isnan(jacobian).any(axis=(1, 2)), np.abs(before) < LEAST_BEFORE)
+    step = rng.normal(size=look.shape) * np.array([1e-4, 1e-2, 1e-2, 1e-5, 1e-4, 1e-5, 1e-5])
+    predicted = np.einsum("bij,bj->bi", jacobian, step)
+    actual = from_viewing(look + step, center) - from_viewing(look, center)
+    kept = np.isfinite(predicted).all(axis=1)
+    assert 5 < kept.sum() < len(kept)
+    np.testing.assert_allclose(predicted[kept], actual[kept], rtol=1e-2, atol=2e-6)
 
 
 def test_circle_behind_the_camera_is_not_finite():

@@ -10,12 +10,13 @@ import pytest
 from circlecal.errors import InputError
 from circlecal.field import load_field
 from circlecal.field.view import FieldView
-from circlecal.formats import broadtrack, tvcalib, worldcup
+from circlecal.formats import broadtrack, soccernet_camera, tvcalib, worldcup
 from circlecal.formats.cameras import CameraFrame, center_camera, resize_camera
 from circlecal.formats.format import json_bytes
 from circlecal.formats.soccernet_camera import camera_keys
 from circlecal.geometry.camera import image_center
 from circlecal.geometry.surface import Surface
+from circlecal.synthetic.cameras import aim_camera
 
 POINTS = np.array([[0.0, 0.0], [9.0, 3.0], [-9.0, -3.0], [3.0, 8.0]])
 FILE = Path("00007.json")
@@ -178,6 +179,24 @@ def test_a_homography_is_the_nearest_to_the_lens_in_every_way_to_it(calibrated, 
         told = json.loads(tvcalib.write([frame.reduce("camera", size)]))["homography"]
         factor = (1.0, 1.0) if size is None else ((size[0] - 1) / 959, (size[1] - 1) / 539)
         np.testing.assert_allclose(seen_by(np.linalg.inv(told), POINTS), seen_by(wanted, POINTS) * factor, atol=1e-6)
+
+
+def test_a_homography_of_a_view_away_from_the_centre_mark_is_of_a_camera_above_the_ground():
+    position = np.array([10.0, 0.0, -12.0])
+    away = aim_camera(position, np.array([45.0, 0.0, 0.0]), 1500.0, 0.0, 1920, 1080)
+    found = CameraFrame("a", 1920, 1080, H_image_field=away.homography).require_camera()
+    np.testing.assert_allclose(found.position_m, position, atol=1e-6)
+    np.testing.assert_allclose(found.project([[45.0, 3.0]]), away.project([[45.0, 3.0]]), atol=1e-6)
+
+
+@pytest.mark.parametrize("form", [soccernet_camera, tvcalib])
+def test_the_size_that_a_file_states_counts_before_the_given_one(frame_camera, form):
+    frame = CameraFrame("a", 960, 540, frame_camera)
+    (found,) = form.read(FILE, form.write([frame]), (1280, 720))
+    assert (found.width, found.height) == (960, 540)
+    keys = {**json.loads(form.write([frame])), "image_width": None, "image_height": None}
+    (found,) = form.read(FILE, json_bytes(keys), (1280, 720))
+    assert (found.width, found.height) == (1280, 720)
 
 
 def test_a_homography_of_a_picture_of_another_shape_is_stretched_back(frame_camera):

@@ -20,12 +20,14 @@ from circlecal.formats import (
     tvcalib,
     worldcup,
 )
+from circlecal.formats.annotation import Annotation, annotation_bytes, markings_of
 from circlecal.formats.cameras import CameraFrame
 from circlecal.formats.exports import convert
 from circlecal.formats.format import json_bytes
 from circlecal.formats.meaning import SourcesConfig, read_observations
 from circlecal.formats.registry import open_file, read_annotations
 from circlecal.formats.shapes import AnnotatedFrame, Shape
+from circlecal.observations import CirclePoints, Observations
 
 
 def format_of(path, name=None):
@@ -175,6 +177,20 @@ def test_what_a_format_cannot_say_is_told(soccer, tmp_path, caplog):
     convert([source], "labelme", "pnlcalib", tmp_path / "out", soccer, (960, 540))
     told = "view: pnlcalib cannot say centre_circle, centre_circle top; left out"
     assert [message.replace("view.labelme:", "view:") for message in caplog.messages] == [told]
+
+
+@pytest.mark.parametrize("target", ["cvat", "workbench"])
+def test_edges_of_the_paint_that_a_format_cannot_say_are_told(soccer, tmp_path, caplog, target):
+    angle = np.linspace(0.0, 5.0, 9)
+    ring = np.stack([480.0 + 200.0 * np.cos(angle), 270.0 + 90.0 * np.sin(angle)], axis=1)
+    circles = tuple(CirclePoints("centre_circle", edge, ring, np.full(9, 0.2)) for edge in ("outer", "center"))
+    markings = markings_of(Observations(960, 540, circles), "measured")
+    seen = Annotation(id="view", width=960, height=540, markings=markings)
+    source = tmp_path / "view.json"
+    source.write_bytes(annotation_bytes(seen))
+    convert([source], "workbench", target, tmp_path / "out", soccer)
+    told = "view: cvat cannot say the outer edge of centre_circle; drawn as the middle of the paint"
+    assert caplog.messages == ([told] if target == "cvat" else [])
 
 
 def test_the_workbench_takes_a_field_of_ones_own(soccer, tmp_path, caplog):

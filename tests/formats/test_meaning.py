@@ -8,10 +8,11 @@ import pytest
 from circlecal.config import load_config
 from circlecal.errors import InputError
 from circlecal.field import load_field
+from circlecal.formats.annotation import Annotation, markings_of
 from circlecal.formats.cameras import derive_shapes
 from circlecal.formats.meaning import SourcesConfig, add_halfway_ends, observe, read_observations
 from circlecal.formats.shapes import AnnotatedFrame, Shape
-from circlecal.observations import LinePoints, Observations
+from circlecal.observations import CirclePoints, LineEnd, LinePoints, MarkPoint, Observations
 
 
 def shape(label, *points, kind="points", confidence=None):
@@ -124,6 +125,28 @@ def test_a_picture_of_another_size(seen):
     assert large.shapes[2].points_px == pytest.approx((seen.shapes[2].points_px + 0.5) * 2 - 0.5)
     assert seen.resize(960, 540) is seen
     assert seen.resize(427, 240).width == 427  # 240.2 rows would be exact
+
+
+def test_a_measured_annotation_of_a_picture_of_another_size_stays_what_it_is(soccer):
+    pixels, sigma = np.array([[100.0, 50.0], [300.0, 90.0], [200.0, 20.0]]), np.array([0.2, 0.3, 0.4])
+    measured = Observations(
+        960,
+        540,
+        (CirclePoints("centre_circle", "outer", pixels, sigma),),
+        (LinePoints("halfway_line", pixels, sigma, (LineEnd(pixels[0], True),)),),
+        (MarkPoint("centre_mark", pixels[1], 0.5),),
+    )
+    annotation = Annotation(id="a", width=960, height=540, markings=markings_of(measured, "measured"))
+    small = observe(annotation.frame().resize(480, 270), soccer, SourcesConfig(), "workbench", "f").observations
+    half = (pixels + 0.5) / 2 - 0.5
+    (circle,), (line,), (mark,) = small.circles, small.lines, small.marks
+    assert (small.width, small.height, circle.edge, mark.sigma_px) == (480, 270, "outer", 0.25)
+    for found in (circle, line):
+        order = np.argsort(found.points_px[:, 0])
+        np.testing.assert_allclose(found.points_px[order], half[[0, 2, 1]], atol=1e-3)
+        np.testing.assert_allclose(found.sigma_px[order], sigma[[0, 2, 1]] / 2, atol=1e-4)
+    np.testing.assert_allclose(line.ends[0].point_px, half[0], atol=1e-3)
+    np.testing.assert_allclose(mark.point_px, half[1], atol=1e-3)
 
 
 @pytest.mark.parametrize("size", [(1440, 1080), (1920, 1200), (540, 540)])

@@ -1,6 +1,7 @@
 """Pinhole camera with radial distortion: angles, projection, lens, SoccerNet keys, homography."""
 
 import warnings
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -174,6 +175,20 @@ def test_camera_from_homography_is_exact(camera, scale):
     np.testing.assert_allclose(found.position_m, centred.position_m, atol=1e-4)
     np.testing.assert_allclose(found.angles_rad, centred.angles_rad, atol=1e-7)
     np.testing.assert_allclose(found.project(FIELD), centred.project(FIELD), atol=1e-6)
+
+
+@given(cameras(lens=0.0), st.floats(-1.0, 1.0), st.sampled_from([1.0, -1.0]))
+def test_camera_from_the_homography_of_a_view_away_from_the_origin_is_exact(camera, turn, scale):
+    away = replace(
+        camera,
+        focal_px=np.full(2, camera.focal_px[0]),
+        principal_point_px=pinhole.image_center(1920, 1080),
+        angles_rad=np.array([camera.angles_rad[0] + np.pi + turn, 1.4, camera.angles_rad[2]]),
+    )
+    assert away.depth(np.zeros(2)) < 0
+    found = pinhole.camera_from_homography(scale * away.homography, 1920, 1080)
+    np.testing.assert_allclose(found.position_m, away.position_m, atol=1e-4)
+    np.testing.assert_allclose(found.R, away.R, atol=1e-7)
 
 
 def test_homography_that_no_camera_has_gives_none():

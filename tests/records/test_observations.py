@@ -51,6 +51,20 @@ def test_round_trip_through_json(circle_points, line_points, edge, line):
     assert to_json(write_observations(back), fallback=np.ndarray.tolist) == written(seen)
 
 
+def test_a_keypoint_moves_with_the_field_as_before():
+    shift = np.array([[0.0, 0.0], [-0.5, 0.0], [0.0, 0.5]])
+    points = [Keypoint("corner", np.array([-52.5, 34.0]), np.array([1.0, 2.0]), 1.5, s) for s in (shift, None)]
+    moved, fixed = read_back(Observations(640, 360, keypoints=tuple(points))).keypoints
+    np.testing.assert_array_equal(moved.shift, shift)
+    assert fixed.shift is None
+
+
+def test_a_keypoint_of_an_older_record_does_not_move():
+    old = b'{"keypoints": [{"name": "corner", "field_m": [-52.5, 34.0], "point_px": [1.0, 2.0], "sigma_px": 1.5}]}'
+    record = ObservationsRecord.model_validate_json(old)
+    assert record.observations(ImageRecord(width=640, height=360)).keypoints[0].shift is None
+
+
 def test_nothing_seen_is_empty_and_reads_back():
     nothing = Observations(640, 360)
     assert write_observations(nothing) == {"circles": [], "lines": [], "marks": [], "keypoints": []}

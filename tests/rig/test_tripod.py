@@ -7,7 +7,7 @@ import pytest
 
 from circlecal.geometry.camera_parameters import INDEX, ProjectionModel, camera_of
 from circlecal.geometry.surface import Surface
-from circlecal.rig.tripod import COMMON, PLACE, TripodEstimate, TripodModel
+from circlecal.rig.tripod import COMMON, PLACE, TripodEstimate, TripodModel, unwrap_pan
 from circlecal.synthetic.tripod import Tripod, sample_tripod
 
 MODEL = TripodModel(ProjectionModel(1280, 720), float(np.log(1.5 * 1280)))
@@ -58,6 +58,22 @@ def test_derivatives_are_those_of_differences(seed: int) -> None:
 def test_own_parameters_come_back_from_cameras() -> None:
     own, common = random_parameters(7)
     np.testing.assert_allclose(MODEL.own_of(MODEL.thetas(own, common), common), own, atol=1e-9)
+
+
+@pytest.mark.parametrize("x_m", [3.0, 0.01, -0.01, -3.0])
+def test_pans_of_a_camera_beyond_the_far_touchline_do_not_jump(x_m: float) -> None:
+    own, common = random_parameters(7)
+    common[:2], own[:, 1] = [x_m, -80.0], np.pi + np.array([-0.2, -0.001, 0.001, 0.2])
+    found = MODEL.own_of(MODEL.thetas(own, common), common)
+    np.testing.assert_allclose(found[:, 1], own[:, 1], atol=1e-9)
+
+
+@pytest.mark.parametrize("side", range(8))
+def test_pans_are_told_about_the_direction_to_the_middle_of_the_field(side: int) -> None:
+    angle = side * np.pi / 4
+    axis_m = 60.0 * np.array([-np.sin(angle), np.cos(angle)])
+    pans = unwrap_pan(angle + np.linspace(-0.7, 0.7, 9) + 2 * np.pi * np.arange(-4, 5), axis_m)
+    np.testing.assert_allclose(np.diff(pans), 1.4 / 8, atol=1e-12)
 
 
 def test_pictures_of_another_size_show_the_same() -> None:

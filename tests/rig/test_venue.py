@@ -158,6 +158,53 @@ def test_the_prior_of_single_frames_allows_the_cameras_of_the_tripod(pan):
     assert np.sqrt(np.diag(covariance[0]))[place].max() < 1.0
 
 
+def turned_by_half(camera):
+    """The camera on the other side of the field, which shows the same picture of the field turned by 180 degrees."""
+    mean, half = camera.mean.copy(), np.array([0.0, np.pi, 0.0])
+    mean[[PLACE["axis_x"], PLACE["axis_y"], PLACE["lean_x"], PLACE["lean_y"]]] *= -1.0
+    return replace(camera, mean=mean, head_low=camera.head_low + half, head_high=camera.head_high + half)
+
+
+@pytest.mark.parametrize("turn", [0.0, -2.0 * np.pi])
+def test_a_camera_beyond_the_far_touchline_tells_single_frames_as_much_as_one_before_the_near_one(tmp_path, turn):
+    near, far = tripod(), turned_by_half(tripod())
+    shift = np.array([0.0, turn, 0.0])
+    written = replace(far, head_low=far.head_low + shift, head_high=far.head_high + shift)
+    write_venue(tmp_path / "venue.yaml", Venue("soccer", (written,)), SOCCER)
+    (found,) = read_venue(tmp_path / "venue.yaml", SOCCER).tripods
+    np.testing.assert_allclose([found.head_low, found.head_high], [far.head_low, far.head_high], atol=1e-12)
+    wanted, told = prior_of_tripod(near), prior_of_tripod(found)
+    sign = np.where([name in ("x", "y") for name in wanted.parameters], -1.0, 1.0)
+    np.testing.assert_allclose(told.mean[: len(sign)], sign * wanted.mean[: len(sign)], atol=1e-9)
+    np.testing.assert_allclose(told.deviation_sd, wanted.deviation_sd, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["length", "breadth", "crown", "kappa_1", "width"])
+def test_what_is_fixed_is_known_to_single_frames(name):
+    camera = tripod()
+    mean, covariance = camera.mean.copy(), camera.covariance.copy()
+    mean[PLACE[name]] = 0.25
+    for place in (PLACE[name], PLACE.get(f"{name}_by_zoom", PLACE[name])):
+        covariance[place], covariance[:, place] = 0.0, 0.0
+    prior = prior_of_tripod(replace(camera, mean=mean, covariance=covariance))
+    k = prior.parameters.index(name)
+    assert prior.mean[k] == pytest.approx(mean[PLACE[name]])
+    assert 0.0 < prior.covariance[k, k] < 1e-10
+
+
+def test_a_camera_that_stands_at_a_known_place_and_turns_about_it_gives_settings(tmp_path):
+    camera = tripod()
+    mean, covariance = camera.mean.copy(), camera.covariance.copy()
+    places = [PLACE[name] for name in ("axis_x", "axis_y", "axis_z", "lever", "lever_by_zoom")]
+    mean[places[3:]] = 0.0
+    covariance[places], covariance[:, places] = 0.0, 0.0
+    known = replace(camera, mean=mean, covariance=covariance)
+    write_venue(tmp_path / "venue.yaml", Venue("soccer", (known,)), SOCCER)
+    config = load_config(None, venue_settings(tmp_path / "venue.yaml", SOCCER))
+    np.testing.assert_allclose(config.camera.position_m, mean[places[:3]])
+    assert max(config.camera.position_sd_m) < 1e-5
+
+
 def test_the_configuration_takes_it(file):
     config = load_config(None, venue_settings(file, SOCCER))
     assert config.camera.shared is not None and config.correspondences.camera_side == "main"

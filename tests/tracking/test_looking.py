@@ -115,6 +115,14 @@ def test_markings_that_no_camera_shows_are_left_out_of_a_search(picture: LookedA
     np.testing.assert_allclose(found, every, atol=2e-3)
 
 
+def test_a_camera_beyond_the_far_touchline_is_searched_where_it_looks_at_the_field() -> None:
+    near, half = tripod(), np.array([0.0, np.pi, 0.0])
+    mean = near.mean.copy()
+    mean[[PLACE["axis_x"], PLACE["axis_y"]]] *= -1.0
+    far = replace(near, mean=mean, head_low=near.head_low + half, head_high=near.head_high + half)
+    np.testing.assert_allclose(search._grid(far, template()), search._grid(near, template()) + half, atol=1e-9)
+
+
 def test_what_the_grid_puts_into_view_is_worked_out_once_for_all_pictures(picture: LookedAt, monkeypatch) -> None:
     place, counts = Place.of(tripod(), template()), []
     see = search._see
