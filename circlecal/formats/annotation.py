@@ -13,6 +13,7 @@ other formats a marking has its SoccerNet class where there is one, and a line w
 from __future__ import annotations
 
 import hashlib
+import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +24,7 @@ from pydantic import Field, field_validator, model_validator
 
 from circlecal.errors import CirclecalError, InputError
 from circlecal.field import FieldTemplate, load_field
+from circlecal.files import have_different_content
 from circlecal.formats.cameras import Size
 from circlecal.formats.format import (
     MAX_POINTS,
@@ -39,6 +41,8 @@ from circlecal.formats.soccernet import UNKNOWN_CLASSES
 from circlecal.geometry.projective import Array
 from circlecal.observations import CircleEdge, CirclePoints, LineEnd, LinePoints, Observations
 from circlecal.records.record import ResultRecord
+
+_log = logging.getLogger(__name__)
 
 UNKNOWN_LINE = UNKNOWN_CLASSES[1]
 CURVE_POINTS, LINE_POINTS = 36, 6
@@ -125,6 +129,10 @@ class Annotation(FileModel):
         if unknown:
             raise ValueError(f"{unknown[0]} cannot be set for one frame; known: {', '.join(SETTINGS)}")
         return given
+
+    def is_of_another(self, picture: Path) -> bool:
+        """Whether its ``source`` is another file than a picture, which is still there and of other content."""
+        return self.source is not None and have_different_content(self.source, picture)
 
     def observations(self, nameless: bool = True) -> Observations:
         """Curves and lines that are used; points are shapes, since their place is the template's.
@@ -288,7 +296,8 @@ class StoredAnnotation:
 
 
 def find_annotation(folder: Path | None, frame_id: str, picture: Path | None = None) -> StoredAnnotation | None:
-    """What a person said of a frame in the workbench; None where nobody did.
+    """What a person said of a frame in the workbench; None where nobody did, or of another picture of its name, which
+    is told.
 
     Parameters
     ----------
@@ -297,7 +306,8 @@ def find_annotation(folder: Path | None, frame_id: str, picture: Path | None = N
     frame_id : str
         The frame.
     picture : path, optional
-        Its picture: ``x.json`` beside ``x.png`` is taken where the folder has none.
+        Its picture: ``x.json`` beside ``x.png`` is taken where the folder has none, and no annotation whose ``source``
+        is another file that is there.
 
     Raises
     ------
@@ -307,9 +317,21 @@ def find_annotation(folder: Path | None, frame_id: str, picture: Path | None = N
     path = None if folder is None else annotation_path(folder, frame_id)
     if path is not None and path.is_file():
         stored = _load_file(path)
-        return stored if stored.annotation.touched and stored.annotation.id == frame_id else None
+        is_taken = stored.annotation.touched and stored.annotation.id == frame_id
+        return stored if is_taken and _is_own(stored.annotation, path, picture) else None
     beside = None if picture is None else picture.with_suffix(".json")
-    return _load_file(beside) if beside is not None and is_annotation_file(beside) else None
+    if beside is None or not is_annotation_file(beside):
+        return None
+    stored = _load_file(beside)
+    return stored if _is_own(stored.annotation, beside, picture) else None
+
+
+def _is_own(annotation: Annotation, path: Path, picture: Path | None) -> bool:
+    """Whether an annotation is not that of another picture; one that is, is told."""
+    if picture is None or not annotation.is_of_another(picture):
+        return True
+    _log.warning("%s: is of %s, not of %s, and is not used", path, annotation.source, picture)
+    return False
 
 
 def is_annotation_file(path: Path) -> bool:

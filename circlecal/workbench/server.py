@@ -7,6 +7,7 @@ comes from outside. The content security policy lets the page load what this ser
 
 from __future__ import annotations
 
+import json
 import secrets
 import socket
 from collections.abc import Callable
@@ -35,6 +36,8 @@ SHARED = tuple(Path(__file__).parents[1] / "report" / "assets" / name for name i
 LOCAL = "127.0.0.1"
 MOST_BYTES = 64 << 20
 """Of one request; a file of annotations of a whole season is smaller."""
+MOST_LINES = 20
+"""Of what an export left out, since a header is short."""
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -118,9 +121,14 @@ class _Desk:
         return _json([marking.model_dump(mode="json") for marking in opened.begun.markings])
 
     async def export(self, request: Request) -> Response:
-        name, content = await run_in_threadpool(self.session.export, request.path_params["name"])
-        kind = {"Content-Disposition": f'attachment; filename="{name}"'}
-        return Response(content, media_type="application/octet-stream", headers=kind)
+        found = await run_in_threadpool(self.session.export, request.path_params["name"])
+        told = found.left_out[:MOST_LINES]
+        told += [f"and {len(found.left_out) - len(told)} more"] if len(told) < len(found.left_out) else []
+        headers = {
+            "Content-Disposition": f'attachment; filename="{found.name}"',
+            "Circlecal-Left-Out": json.dumps(told),
+        }
+        return Response(found.content, media_type="application/octet-stream", headers=headers)
 
     async def take_in(self, request: Request) -> Response:
         content, name = await _body(request), request.query_params.get("name", "file.json")
