@@ -8,6 +8,7 @@ import pytest
 
 from circlecal.formats.annotation import parse_annotation
 from circlecal.formats.registry import read_annotations
+from circlecal.workbench.session import Session
 
 
 class Client:
@@ -204,6 +205,54 @@ def test_a_run_whose_pictures_are_gone_and_an_address_are_one_line(folder, run_c
     outcome = run_circlecal("annotate", "http://127.0.0.1:1/picture.jpg", "--no-browser")
     assert (outcome.code, outcome.err.count("\n")) == (2, 1)
     assert "http://127.0.0.1:1/picture.jpg: is a URL" in outcome.err
+
+
+@pytest.fixture
+def opened(monkeypatch) -> list[Session]:
+    """Sessions that would have been served."""
+    found: list[Session] = []
+    monkeypatch.setattr("circlecal.workbench.server.serve", lambda session, port, tell: found.append(session))
+    return found
+
+
+def test_a_run_is_opened_on_its_own_field_with_its_own_sizes(folder, run_circlecal, in_this_process, tmp_path, opened):
+    run, other = tmp_path / "run", tmp_path / "other"
+    command = ("batch", folder / "good.png", "--no-overlay", "--workers", 1, "-q", "--out")
+    assert run_circlecal(*command, run, "--set", "field.sizes.length=104").code == 0
+    outcome = run_circlecal("annotate", run, "--no-browser")
+    assert outcome.code == 0 and opened[-1].template.length_m == 104 and "other options" not in outcome.err
+    outcome = run_circlecal("annotate", run, "--no-browser", "--field", "futsal")
+    assert (outcome.code, outcome.err.count("\n")) == (2, 1)
+    assert f"{run}: is of the field soccer, not of futsal; name its field with --field, or none" in outcome.err
+    setting = ("--set", "verdict.max_sigma_px=63")
+    assert run_circlecal(*command, other, *setting).code == 0
+    assert "other options than these" in run_circlecal("annotate", other, "--no-browser").err
+    assert "other options" not in run_circlecal("annotate", other, "--no-browser", *setting).err
+    results = other / "results.jsonl"
+    results.write_text(results.read_text().replace('"template":"soccer"', '"template":"futsal"'))
+    assert run_circlecal("annotate", other, "--no-browser", "-q").code == 0
+    assert opened[-1].template.name == "futsal"
+    results.write_text(results.read_text().replace('"template":"futsal"', '"template":"somebody\'s"'))
+    outcome = run_circlecal("annotate", other, "--no-browser")
+    assert outcome.code == 2 and "give the file of its field with --field" in outcome.err
+    assert run_circlecal("annotate", run, folder / "good.png", "--no-browser", "-q").code == 0
+    assert len(opened[-1].frames) == 1, "a frame that is given twice is listed once"
+    outcome = run_circlecal("annotate", run, other, "--no-browser")
+    assert outcome.code == 2 and "give one run at a time, or --out FOLDER here" in outcome.err
+
+
+def test_two_pictures_of_one_id_and_a_file_as_folder_are_refused_in_one_line(
+    folder, run_circlecal, in_this_process, tmp_path
+):
+    run, picture = tmp_path / "run", tmp_path / "good.png"
+    picture.write_bytes((folder / "open.png").read_bytes())
+    assert run_circlecal("batch", folder / "good.png", "--no-overlay", "--workers", 1, "-q", "--out", run).code == 0
+    outcome = run_circlecal("annotate", run, picture, "--no-browser")
+    assert (outcome.code, outcome.err.count("\n")) == (2, 1)
+    assert f"good: is the id of {folder / 'good.png'} and of {picture}" in outcome.err
+    outcome = run_circlecal("annotate", picture, "--out", picture, "--no-browser")
+    assert (outcome.code, outcome.err.count("\n")) == (2, 1)
+    assert "good.png: is a file, not a folder; choose another --out" in outcome.err
 
 
 def test_the_report_of_a_run_is_told_of_the_workbench_while_it_runs(
