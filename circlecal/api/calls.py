@@ -218,7 +218,10 @@ def suit_annotation(config: Config, annotation: Annotation) -> Config:
         return config
     is_named = named != AUTO and "field" in config.model_fields_set and "template" in config.field.model_fields_set
     if is_named:
-        raise InputError(f"{annotation.id}: was annotated on the field {field}, not on {named}; give --field {field}, or move the annotation away")
+        raise InputError(
+            f"{annotation.id}: was annotated on the field {field}, not on {named}; give --field {field}, or move the "
+            "annotation away"
+        )
     try:
         return suit_config(config, field)
     except ConfigError as error:

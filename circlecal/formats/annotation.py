@@ -40,6 +40,8 @@ from circlecal.formats.shapes import AnnotatedFrame, Shape
 from circlecal.formats.soccernet import UNKNOWN_CLASSES
 from circlecal.geometry.projective import Array
 from circlecal.observations import CircleEdge, CirclePoints, LineEnd, LinePoints, Observations
+from circlecal.records.json_text import model_text
+from circlecal.records.parts import Text
 from circlecal.records.record import ResultRecord
 
 _log = logging.getLogger(__name__)
@@ -109,7 +111,7 @@ class Annotation(FileModel):
 
     annotation_version: Literal[1] = 1
     id: Annotated[str, Field(min_length=1)]
-    source: str | None = None
+    source: Text | None = None
     time_s: float | None = None
     width: Side
     height: Side
@@ -390,7 +392,7 @@ def read(path: Path, content: bytes, size: Size | None) -> list[AnnotatedFrame]:
 
 def annotation_bytes(annotation: Annotation) -> bytes:
     """Content of a file."""
-    return (annotation.model_dump_json() + "\n").encode()
+    return (model_text(annotation) + "\n").encode()
 
 
 def write(frames: Sequence[AnnotatedFrame]) -> bytes:

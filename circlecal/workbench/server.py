@@ -20,12 +20,13 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
-from starlette.responses import JSONResponse, Response
+from starlette.responses import Response
 from starlette.routing import Route
 
 from circlecal.errors import CirclecalError
 from circlecal.formats.annotation import Annotation
 from circlecal.formats.registry import annotation_formats
+from circlecal.records.json_text import validate_json
 from circlecal.workbench.page_field import describe_field
 from circlecal.workbench.session import Session
 from circlecal.workbench.store import NewerError
@@ -98,7 +99,7 @@ class _Desk:
         return _json(await run_in_threadpool(self.session.show, request.path_params["index"]))
 
     async def save(self, request: Request) -> Response:
-        change, index = _Change.model_validate_json(await _body(request)), request.path_params["index"]
+        change, index = validate_json(_Change, await _body(request)), request.path_params["index"]
         try:
             saved = await run_in_threadpool(self.session.save, index, change.annotation, change.base)
         except NewerError as error:
@@ -236,11 +237,12 @@ async def _body(request: Request) -> bytes:
 
 
 def _json(content: Any, status: int = 200) -> Response:
-    return JSONResponse(content, status)
+    """JSON in ASCII: names of files need not be text."""
+    return Response(json.dumps(content, allow_nan=False), status, media_type="application/json")
 
 
 def _problem(text: str, status: int) -> Response:
-    return JSONResponse({"error": text}, status)
+    return _json({"error": text}, status)
 
 
 def _tell(request: Request, error: Exception) -> Response:

@@ -130,7 +130,10 @@ def test_an_annotation_counts_on_the_field_it_was_made_on(robots, run_circlecal,
     )
     other = run_circlecal(*command, tmp_path / "c", "--field", "futsal")
     assert other.code == 2
-    assert "robots: was annotated on the field robocup, not on futsal; give --field robocup, or move the annotation away" in other.err
+    assert (
+        "robots: was annotated on the field robocup, not on futsal; give --field robocup, or move the annotation away"
+        in other.err
+    )
     cv2.imwrite(str(robots.with_suffix(".png")), np.full((540, 960, 3), 90, np.uint8))
     beside = run_circlecal("calibrate", robots.with_suffix(".png"), "--json", "--no-overlay", "--out", tmp_path / "d")
     told = json.loads(beside.out)

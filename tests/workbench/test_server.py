@@ -1,4 +1,5 @@
 import json
+import os
 import urllib.error
 import urllib.request
 from pathlib import Path
@@ -177,6 +178,23 @@ def test_a_file_without_a_size_is_read_in_that_of_its_frame(client, out):
     stored = parse_annotation(out / "keys.json", (out / "keys.json").read_bytes())
     (imported,) = [m for m in stored.markings if m.source == "imported"]
     assert imported.points_px == [[0.0, 269.5], [959.0, 134.75]]
+
+
+def test_a_picture_whose_name_is_no_text_is_annotated_like_any_other(serve, folder, run_circlecal, tmp_path):
+    name, out = os.fsdecode(b"caf\xe9"), tmp_path / "out"
+    picture = tmp_path / f"{name}.png"
+    picture.write_bytes((folder / "good.png").read_bytes())
+    client = Client(serve(picture, "--out", out)[1])
+    annotation = client.json("frames/0.json")["annotation"]
+    assert annotation["source"] == str(picture)
+    told = client.json("frames/0.json", "PUT", {"base": 0, "annotation": annotation | {"note": "mine"}})
+    assert told["annotation"]["source"] == str(picture)
+    assert client.json("frames/0.json")["annotation"]["note"] == "mine"
+    for kind in ("coco", "cvat", "labelme"):
+        assert client.ask(f"export/{kind}")[0] == 200
+    command = ("calibrate", picture, "--annotations", out, "--out", tmp_path / "result", "--json", "--no-overlay")
+    outcome = run_circlecal(*command)
+    assert outcome.code == 0 and json.loads(outcome.out)["annotation"]
 
 
 def test_a_frame_to_begin_with_must_be_there(folder, run_circlecal):
