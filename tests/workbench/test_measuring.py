@@ -9,12 +9,13 @@ import pytest
 from circlecal.config import Config, load_config
 from circlecal.field import load_field
 from circlecal.field.view import FieldView
-from circlecal.formats.annotation import Annotation
+from circlecal.formats.annotation import AnnotatedMarking, Annotation
 from circlecal.geometry.camera import camera_from_soccernet
 from circlecal.geometry.surface import Surface
 from circlecal.pictures.files import PictureFile, read_image
 from circlecal.pipeline import field_of
-from circlecal.workbench.answers import answer, continues, describe, distance_to_polyline
+from circlecal.refusals import REFUSALS
+from circlecal.workbench.answers import ADVICE, TAKE_AWAY, answer, continues, describe, distance_to_polyline
 from circlecal.workbench.interpretations import Interpretation, _lines_beside, _Search, interpret, name_marking
 from circlecal.workbench.measuring import (
     begin_annotation,
@@ -240,3 +241,20 @@ def test_lines_that_a_curve_is_seen_with():
         assert f"big_rect_{side}_main" in beside and "side_line_top" in beside
         assert not [name for name in beside if {"left": "right", "right": "left"}[side] in name]
     assert "halfway_line" in _lines_beside(template.circles[0], template)
+
+
+def test_the_advice_for_a_wrong_click_is_to_take_it_away(begun):
+    line = next(k for k, m in enumerate(begun.markings) if m.kind == "line" and len(m.points_px) > 100)
+    right = name_marking(begun, line, "side_line_top")
+    ends = [[300.0, 500.0], [860.0, 380.0]]
+    wrong = AnnotatedMarking(name="halfway_line", kind="line", points_px=ends, sigma_px=[0.5, 0.5])
+    told = answer(right.model_copy(update={"markings": [*right.markings, wrong]}), Config(), nameless=False)
+    shown = describe(told)
+    assert shown["status"] == "refused" and any(marking["contradicts"] for marking in shown["markings"])
+    assert shown["missing"] == TAKE_AWAY
+
+
+def test_no_advice_of_the_page_needs_the_command_line():
+    codes = {"residual_too_large", "implausible_camera", "circle_unconfirmed", "few_markings", "markings_missing"}
+    assert codes <= ADVICE.keys() and ADVICE.keys() - {"too_few_observations"} <= REFUSALS.keys()
+    assert not any("--" in advice for advice in ADVICE.values())
