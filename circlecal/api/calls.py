@@ -384,7 +384,8 @@ def observe_points(
     Raises
     ------
     InputError
-        A name that the field does not have, something that is no point, or a picture without a width or height.
+        A name that the field does not have, something that is no point, a line of one point, or a picture without a
+        width or height.
     """
     if len(size) != 2 or not np.isfinite(size).all() or min(size) < 1 or any(side != int(side) for side in size):
         raise InputError(f"size must be the width and height of the picture in pixels, not {size}")
@@ -404,6 +405,8 @@ def observe_points(
         pixels = pixels.reshape(-1, 2)
         if not np.isfinite(pixels).all():
             raise InputError(f"{place}: holds a pixel that is not finite")
+        if place in template.line_by_name and len(pixels) and np.ptp(pixels, axis=0).max() == 0:
+            raise InputError(f"{place}: is a line of one point; give two or more")
         if isinstance(place, str):
             shapes.append(Shape(place, "points", pixels))
         else:
