@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Sequence
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 from urllib.parse import quote
@@ -88,9 +89,15 @@ def annotate(
     if frame is not None and all(frame != listed.file.id for listed in frames):
         raise InputError(f"--frame {frame}: no such frame among the {len(frames)} that were given")
 
+    served: list[str] = []
+
     def tell(address: str) -> None:
+        served.append(address)
         for run in runs:
-            tell_workbench(run, address)
+            try:
+                tell_workbench(run, address)
+            except InputError as error:
+                console.print_note(f"{error}; the report has no link to this page")
         address += "" if frame is None else f"#{quote(frame)}"
         console.print_line(address)
         if not quiet:
@@ -103,8 +110,9 @@ def annotate(
     try:
         serve(session, port, tell)
     finally:
-        for run in runs:
-            tell_workbench(run, None)
+        for run, address in product(runs, served):
+            with contextlib.suppress(InputError):  # it was told before that it cannot be written
+                tell_workbench(run, None, address)
 
 
 def _suit_runs(runs: Sequence[Path], field: str | None, choose: Callable[..., Config], *, quiet: bool) -> Config:

@@ -36,7 +36,7 @@ from circlecal.formats.format import (
     Side,
     parse_content,
 )
-from circlecal.formats.shapes import AnnotatedFrame, Shape
+from circlecal.formats.shapes import AnnotatedFrame, Shape, scale_between
 from circlecal.formats.soccernet import UNKNOWN_CLASSES
 from circlecal.geometry.projective import Array
 from circlecal.observations import CircleEdge, CirclePoints, LineEnd, LinePoints, Observations
@@ -101,6 +101,16 @@ class AnnotatedMarking(FileModel):
         """Standard deviations (N,) along the normal of the marking, pixels."""
         return np.array(self.sigma_px, dtype=np.float64)
 
+    def scale(self, factor: Array) -> Self:
+        """The marking on a picture that is wider and higher by factors (2,)."""
+
+        def move(points: list[Pair]) -> list[Pair]:
+            return ((np.array(points) + 0.5) * factor - 0.5).tolist()
+
+        ends = [end.model_copy(update={"point_px": move([end.point_px])[0]}) for end in self.ends]
+        sigma = (self.sigma * np.sqrt(factor.prod())).tolist()
+        return self.model_copy(update={"points_px": move(self.points_px), "sigma_px": sigma, "ends": ends})
+
 
 class Annotation(FileModel):
     """Everything that is known of one frame.
@@ -135,6 +145,20 @@ class Annotation(FileModel):
     def is_of_another(self, picture: Path) -> bool:
         """Whether its ``source`` is another file than a picture, which is still there and of other content."""
         return self.source is not None and have_different_content(self.source, picture)
+
+    def resize(self, width: int, height: int) -> Self:
+        """The annotation on a picture of another size; the corners of the picture stay its corners.
+
+        Raises
+        ------
+        InputError
+            The other picture has another aspect.
+        """
+        if (width, height) == (self.width, self.height):
+            return self
+        factor = scale_between(self.id, (self.width, self.height), (width, height))
+        markings = [marking.scale(factor) for marking in self.markings]
+        return self.model_copy(update={"width": width, "height": height, "markings": markings})
 
     def observations(self, nameless: bool = True) -> Observations:
         """Curves and lines that are used; points are shapes, since their place is the template's.

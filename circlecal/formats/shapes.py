@@ -102,13 +102,24 @@ class AnnotatedFrame:
         """
         if (width, height) == (self.width, self.height):
             return self
-        off = abs(self.width * height - width * self.height) / max(self.width, width)
-        if off > ROUNDING_PX:
-            sizes = f"{self.width}x{self.height}, the picture {width}x{height}"
-            raise InputError(f"{self.id}: the annotation is of {sizes}, which has another aspect")
-        factor = np.array([width / self.width, height / self.height])
+        factor = scale_between(self.id, (self.width, self.height), (width, height))
         shapes = tuple(replace(shape, points_px=(shape.points_px + 0.5) * factor - 0.5) for shape in self.shapes)
         return replace(self, width=width, height=height, shapes=shapes, observations=None)
+
+
+def scale_between(frame_id: str, annotated: tuple[int, int], picture: tuple[int, int]) -> Array:
+    """Factors (2,) from the size of an annotation to that of its picture, width and height each.
+
+    Raises
+    ------
+    InputError
+        They have another aspect.
+    """
+    (own_width, own_height), (width, height) = annotated, picture
+    if abs(own_width * height - width * own_height) / max(own_width, width) > ROUNDING_PX:
+        sizes = f"{own_width}x{own_height}, the picture {width}x{height}"
+        raise InputError(f"{frame_id}: the annotation is of {sizes}, which has another aspect")
+    return np.array([width / own_width, height / own_height])
 
 
 @dataclass(frozen=True, slots=True)

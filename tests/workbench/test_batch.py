@@ -87,6 +87,25 @@ def test_an_annotation_beside_its_picture_is_taken(pictures, named, run_circleca
     assert run_circlecal("debug", pictures / "open.png", "--out", tmp_path / "debug", "-q").code == 0
 
 
+def test_an_annotation_is_scaled_to_its_picture_and_one_of_another_aspect_is_refused(
+    pictures, named, run_circlecal, in_this_process, tmp_path
+):
+    store, whole = AnnotationStore(tmp_path / "annotations"), cv2.imread(str(pictures / "open.png"))
+    store.save(named, 0)
+    command = ("calibrate", pictures / "open.png", "--annotations", store.folder, "--json", "--out", tmp_path / "out")
+    told = json.loads(run_circlecal(*command).out)
+    cv2.imwrite(str(pictures / "open.png"), cv2.resize(whole, (480, 270), interpolation=cv2.INTER_AREA))
+    half = json.loads(run_circlecal(*command).out)
+    assert half["annotation"] and half["image"] == {"width": 480, "height": 270}
+    assert half["camera"]["position_meters"] == pytest.approx(told["camera"]["position_meters"], abs=1.0)
+    debugged = ("--annotations", store.folder, "--out", tmp_path / "debug", "-q")
+    assert run_circlecal("debug", pictures / "open.png", *debugged).code == 0
+    cv2.imwrite(str(pictures / "open.png"), whole[:, :540])
+    refused = run_circlecal(*command)
+    assert (refused.code, refused.err.count("\n")) == (2, 1)
+    assert "open: the annotation is of 960x540, the picture 540x540, which has another aspect" in refused.err
+
+
 @pytest.fixture
 def robots(tmp_path) -> Path:
     """An annotation of a robots' field: circle, halfway line and far touchline, clicked."""

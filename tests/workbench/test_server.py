@@ -7,6 +7,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
+from circlecal.errors import InputError
 from circlecal.formats.annotation import parse_annotation
 from circlecal.formats.registry import read_annotations
 from circlecal.workbench.session import Session
@@ -291,3 +292,19 @@ def test_the_report_of_a_run_is_told_of_the_workbench_while_it_runs(
     assert outcome.out == "http://127.0.0.1:4711/t0ken/#good\n"
     assert seen == [('circlecalAnnotate("http://127.0.0.1:4711/t0ken/");\n', 0o600)]
     assert told.read_text() == "circlecalAnnotate(null);\n"
+
+    def serve_beside(session, port, on_ready):
+        on_ready("http://127.0.0.1:4712/other/")
+        told.write_text('circlecalAnnotate("http://127.0.0.1:4713/later/");\n')
+
+    monkeypatch.setattr("circlecal.workbench.server.serve", serve_beside)
+    assert run_circlecal("annotate", out, "--no-browser", "-q").code == 0
+    assert "later" in told.read_text(), "a workbench that goes on keeps its link"
+
+    def refuse(path, content):
+        raise InputError(f"{path}: cannot be written: Read-only file system")
+
+    monkeypatch.setattr("circlecal.report.pages.write_file", refuse)
+    outcome = run_circlecal("annotate", out, "--no-browser")
+    assert outcome.code == 0 and "4712" in outcome.out
+    assert "Read-only file system; the report has no link to this page" in " ".join(outcome.err.split())
