@@ -116,7 +116,9 @@ class Annotation(FileModel):
     """Everything that is known of one frame.
 
     ``revision`` counts the changes; ``settings`` are options for this frame (:data:`SETTINGS`); ``touched`` says
-    whether a person has changed anything; ``pixel_aspect`` is the width of a pixel over its height.
+    whether a person has changed anything; ``pixel_aspect`` is the width of a pixel over its height. ``circle`` is the
+    one from which the picture was calibrated, where it is another than the field's usual one, and ``placed`` says
+    whether all that is painted decided which marking is which.
     """
 
     annotation_version: Literal[1] = 1
@@ -127,6 +129,8 @@ class Annotation(FileModel):
     height: Side
     pixel_aspect: Annotated[float, Field(gt=0, lt=1e3)] = 1.0
     field: str = "soccer"
+    circle: str | None = None
+    placed: bool = False
     revision: Annotated[int, Field(ge=0)] = 0
     touched: bool = False
     flag: Flag | None = None
