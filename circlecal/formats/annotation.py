@@ -59,7 +59,7 @@ _NOT_IN_NAMES = frozenset("/\\:\0")
 _BEGINNING = 200
 
 Pair = Annotated[list[Bounded], Field(min_length=2, max_length=2)]
-Sigma = Annotated[float, Field(gt=0, le=1e4)]
+Sigma = Annotated[float, Field(ge=1e-4, le=1e4)]
 Flag = Literal["no_field", "other_camera"]
 """What a person says of a frame as a whole: that it shows no field, or was not taken with this camera."""
 

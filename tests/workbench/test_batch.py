@@ -160,6 +160,19 @@ def test_an_annotation_counts_on_the_field_it_was_made_on(robots, run_circlecal,
     assert run_circlecal("debug", robots.with_suffix(".png"), "--out", tmp_path / "e", "-q").code == 0
 
 
+def test_names_that_the_field_does_not_have_and_points_without_noise_are_told(robots, run_circlecal, tmp_path):
+    said = json.loads(robots.read_text())
+    command = ("calibrate", robots, "--no-overlay", "--out", tmp_path / "a")
+    moon = {"name": "moon", "kind": "line", "points_px": [[350.0, 299.0], [450.0, 310.0]], "sigma_px": [0.5, 0.5]}
+    robots.write_text(json.dumps({**said, "markings": [*said["markings"], moon]}))
+    told = run_circlecal(*command)
+    assert "moon: is no marking of the field 'robocup'; left out" in " ".join(told.err.split())
+    robots.write_text(json.dumps({**said, "markings": [{**moon, "sigma_px": [0.5, 1e-300]}]}))
+    told = run_circlecal(*command)
+    assert (told.code, told.err.count("\n")) == (2, 1)
+    assert "markings.0.sigma_px.1: should be greater than or equal to 0.0001, not 1e-300" in told.err
+
+
 @pytest.mark.parametrize("sigma_px", [0.2, 20.0])
 def test_a_clicked_point_has_its_own_standard_deviation(robots, run_circlecal, tmp_path, sigma_px):
     said = json.loads(robots.read_text())
