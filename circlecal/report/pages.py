@@ -176,14 +176,14 @@ def tell_workbench(run: Path, address: str | None, ended: str | None = None) -> 
     place nothing is written. Only the user who runs the workbench may read the file, since the address holds its token.
     """
     path = run / REPORT_FOLDER / ANNOTATE_NAME
-    if not is_file(path) or (ended is not None and path.read_bytes() != _told_address(ended)):
+    if not is_file(path) or (ended is not None and path.read_bytes() != _address_script(ended)):
         return
     with contextlib.suppress(OSError):
         path.chmod(0o600)
-    write_file(path, _told_address(address))
+    write_file(path, _address_script(address))
 
 
-def _told_address(address: str | None) -> bytes:
+def _address_script(address: str | None) -> bytes:
     return _script("circlecalAnnotate(", address, ")")
 
 

@@ -96,12 +96,12 @@ class Session:
     def _take_up(self, frame: ListedFrame) -> ListedFrame:
         """The frame with what its annotation says of it; one whose annotation cannot be used is there to be mended."""
         try:
-            annotation = self._read_saved(frame)
+            annotation = self._read_annotation(frame)
         except InputError:
             return replace(frame, state="refused", code="unusable_annotation", annotated=True)
         return frame if annotation is None else replace(frame, annotated=annotation.touched, flag=annotation.flag)
 
-    def _read_saved(self, frame: ListedFrame) -> Annotation | None:
+    def _read_annotation(self, frame: ListedFrame) -> Annotation | None:
         """The saved annotation of a frame.
 
         Raises
@@ -164,7 +164,7 @@ class Session:
         InputError
             No such frame, its picture cannot be read, or its annotation is damaged or of another picture.
         """
-        saved = self._read_saved(self._frame(index))
+        saved = self._read_annotation(self._frame(index))
         if saved is None:
             return self.open(index).begun
         size = self.open(index).measured.picture.shape
@@ -294,7 +294,7 @@ class Session:
         """Annotations of frames that people annotated; why one cannot be used is added to ``left_out``."""
         for frame in self.frames:
             try:
-                annotation = self._read_saved(frame) if frame.annotated else None
+                annotation = self._read_annotation(frame) if frame.annotated else None
             except InputError as error:
                 left_out.append(str(error))
                 continue

@@ -83,7 +83,7 @@ class AnnotationStore:
         InputError
             It cannot be written.
         """
-        with self._lock, _locked(self.folder / LOCK_NAME):
+        with self._lock, _hold_lock(self.folder / LOCK_NAME):
             current = self.read(annotation.id)
             if (0 if current is None else current.revision) != base:
                 if current is None:
@@ -99,7 +99,7 @@ class AnnotationStore:
 
 
 @contextlib.contextmanager
-def _locked(path: Path) -> Iterator[None]:
+def _hold_lock(path: Path) -> Iterator[None]:
     """Wait for a lock that other processes wait for too; a file system without locks has none.
 
     Raises
