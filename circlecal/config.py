@@ -390,7 +390,8 @@ def _explanation(key: str, problems: Sequence[ErrorDetails]) -> str:
         return _unknown_key(key)
     wanted = dict.fromkeys(explain_problem(problem["type"], problem["msg"]) for problem in problems)
     given = problems[0]["input"]
-    shown = "" if problems[0]["type"] == "value_error" else f", not {_kind(given)}"
+    tells_all = problems[0]["type"] in ("value_error", "missing", "too_short", "too_long")
+    shown = "" if tells_all else f", not {_kind(given)}"
     return f"{key}: {' or '.join(wanted)}{shown}"
 
 

@@ -88,4 +88,6 @@ def explain_problem(kind: str, message: str) -> str:
     kind, message : str
         ``type`` and ``msg`` of one of the errors of a pydantic ``ValidationError``.
     """
+    if kind in ("too_short", "too_long"):
+        return message.partition(" ")[2].replace(" after validation", "")
     return _PLAIN_WORDS.get(kind) or message.removeprefix("Value error, ").removeprefix("Input ")

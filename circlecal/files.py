@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import csv
 import errno
+import filecmp
 import hashlib
 import os
 import stat
@@ -44,6 +45,18 @@ def are_different(first: str | Path, second: str | Path) -> bool:
     except (OSError, ValueError):
         return False
     return stat.S_ISREG(one.st_mode) and not os.path.samestat(one, other) and one.st_size != other.st_size
+
+
+def have_different_content(first: str | Path, second: str | Path) -> bool:
+    """Whether two paths name files of different content: not what was copied, and not what is missing."""
+    try:
+        one, other = Path(first).stat(), Path(second).stat()
+        are_files = stat.S_ISREG(one.st_mode) and stat.S_ISREG(other.st_mode)
+        if not are_files or os.path.samestat(one, other):
+            return False
+        return one.st_size != other.st_size or not filecmp.cmp(first, second, shallow=False)
+    except (OSError, ValueError):
+        return False
 
 
 def read_file(path: str | Path, most_bytes: int = MAX_BYTES, raise_limit: str = "split it or scale it down") -> bytes:

@@ -115,6 +115,8 @@ def test_a_wrong_override_is_one_line_that_names_it(override, parts):
         ("seed: 1:30\n", ["seed", "valid integer", '"1:30"']),
         ("edges: {smoothing: 1}\n", ["unknown key edges.smoothing", "edges.smoothing_px"]),
         ("edges: [1, 2]\n", ["edges: should be a mapping, not a list"]),
+        ("field: {among: []}\n", ["field.among: should have at least 1 item, not 0"]),
+        ("camera: {position_m: [1, 2]}\n", ["camera.position_m.2: is missing"]),
         ("field: {among: soccer}\n", ["field.among: should be a list", '"soccer"']),
         ("edges:\n\tsmoothing_px: 1\n", ["line 2", "a tab begins the line; indent with blanks"]),
         ("- 1\n", ["mapping", "a list"]),

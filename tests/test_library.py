@@ -377,6 +377,7 @@ def test_calibrate_points(frame_camera):
         ({"circle": np.zeros((2, 7))}, "not 2 x 7"),
         ({"circle": 3.0}, "not a single number"),
         ({"size": (960.5, 540)}, "size"),
+        ({"lines": {"halfway_line": [[1, 2]]}}, "^halfway_line: is a line of one point; give two or more$"),
     ],
 )
 def test_points_that_are_none(points, part):

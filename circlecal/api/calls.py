@@ -179,14 +179,20 @@ def calibrate_annotation(
         The annotation's settings contradict the configuration.
     """
     chosen = load_config(config, annotation.settings) if annotation.settings else config
-    chosen = suit_pixels(chosen, annotation.pixel_aspect)
+    chosen = _suit_circle(suit_pixels(chosen, annotation.pixel_aspect), annotation)
     seen = observe(annotation.frame(nameless), field_of(chosen)[0], chosen.sources, "workbench", annotation.id)
     observations, name, source = seen.observations, annotation.id, annotation.source
     if annotation.flag is not None:
         observations = Observations(annotation.width, annotation.height)
     try:
         found = run_observations(
-            observations, chosen, frame_id=name, source=source, convention="paint", earlier=earlier
+            observations,
+            chosen,
+            frame_id=name,
+            source=source,
+            convention="paint",
+            earlier=earlier,
+            is_placed=annotation.placed,
         )
     except np.linalg.LinAlgError:  # names that contradict each other so much that no camera is near any of them
         found = run_observations(
@@ -196,6 +202,17 @@ def calibrate_annotation(
         return found
     verdict = results.Verdict("refused", annotation.flag, REFUSALS[annotation.flag].words, "input")
     return replace(found, attempt=results.Attempt(observations=observations, verdict=verdict))
+
+
+def _suit_circle(config: Config, annotation: Annotation) -> Config:
+    """The configuration with the circle from which the picture was calibrated, where it names none itself and that
+    circle is still among what is used.
+    """
+    circle = annotation.circle
+    is_used = any(marking.used and marking.name == circle for marking in annotation.markings)
+    if config.field.circle is not None or not is_used or circle not in field_of(config)[0].circle_by_name:
+        return config
+    return config.model_copy(update={"field": config.field.model_copy(update={"circle": circle})})
 
 
 def suit_annotation(config: Config, annotation: Annotation) -> Config:
@@ -218,7 +235,10 @@ def suit_annotation(config: Config, annotation: Annotation) -> Config:
         return config
     is_named = named != AUTO and "field" in config.model_fields_set and "template" in config.field.model_fields_set
     if is_named:
-        raise InputError(f"{annotation.id}: was annotated on the field {field}, not on {named}; name it with --field")
+        raise InputError(
+            f"{annotation.id}: was annotated on the field {field}, not on {named}; give --field {field}, or move the "
+            "annotation away"
+        )
     try:
         return suit_config(config, field)
     except ConfigError as error:
@@ -381,7 +401,8 @@ def observe_points(
     Raises
     ------
     InputError
-        A name that the field does not have, something that is no point, or a picture without a width or height.
+        A name that the field does not have, something that is no point, a line of one point, or a picture without a
+        width or height.
     """
     if len(size) != 2 or not np.isfinite(size).all() or min(size) < 1 or any(side != int(side) for side in size):
         raise InputError(f"size must be the width and height of the picture in pixels, not {size}")
@@ -401,6 +422,8 @@ def observe_points(
         pixels = pixels.reshape(-1, 2)
         if not np.isfinite(pixels).all():
             raise InputError(f"{place}: holds a pixel that is not finite")
+        if place in template.line_by_name and len(pixels) and np.ptp(pixels, axis=0).max() == 0:
+            raise InputError(f"{place}: is a line of one point; give two or more")
         if isinstance(place, str):
             shapes.append(Shape(place, "points", pixels))
         else:

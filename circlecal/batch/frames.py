@@ -220,8 +220,8 @@ class FrameRun:
 
     def _calibrate_picture(
         self, frame: PictureFile, template: FieldTemplate
-    ) -> tuple[NDArray[np.uint8] | None, ResultRecord, FrameCalibration]:
-        """From its annotation where a person made one, else from what it shows."""
+    ) -> tuple[NDArray[np.uint8], ResultRecord, FrameCalibration]:
+        """From its annotation where a person made one, on the size of the picture, else from what it shows."""
         beside = frame.path if frame.time_s is None and frame.url is None else None
         stored = find_annotation(self.annotations, frame.id, beside)
         if stored is None:
@@ -229,10 +229,12 @@ class FrameRun:
             template = calibration.template or template
             return picture, result_record(calibration, template, time_s=frame.time_s, digest=self.digest), calibration
         _log.info("%s: from its annotation", frame.path)
-        calibration = self._calibrate_by_hand(stored.annotation, frame.id, frame.source)
+        picture = _picture(frame, self.config.limits)
+        annotation = stored.annotation.resize(picture.shape[1], picture.shape[0])
+        calibration = self._calibrate_by_hand(annotation, frame.id, frame.source)
         record = result_record(calibration, calibration.template or template, time_s=frame.time_s, digest=self.digest)
         record = record.model_copy(update={"annotation": stored.digest})
-        return None if self.out is None else _picture(frame, self.config.limits), record, calibration
+        return picture, record, calibration
 
 
 def _picture_of(frame: FrameOfFile, limits: LimitsConfig) -> NDArray[np.uint8] | None:

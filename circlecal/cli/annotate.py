@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Callable, Sequence
+from itertools import product
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 from urllib.parse import quote
 
 import typer
 
 from circlecal.cli import options
+
+if TYPE_CHECKING:
+    from circlecal.config import Config
 
 
 def annotate(
@@ -53,24 +59,45 @@ def annotate(
         from circlecal.workbench.server import serve
     except ModuleNotFoundError as error:
         raise MissingExtraError(error.name or "starlette", "annotate") from error
+    from circlecal.files import exists, is_folder
     from circlecal.formats.annotation import ANNOTATION_FOLDER
     from circlecal.report.pages import tell_workbench
     from circlecal.workbench.frames import is_run, list_frames, take_part
     from circlecal.workbench.session import Session
     from circlecal.workbench.store import AnnotationStore
 
-    chosen = options.choose_config(config, settings, field, camera_prior=camera_prior, venue=venue)
-    frames = take_part(list_frames(inputs, Sampling.parse(every or DEFAULT_EVERY)), part)
     runs = [path for path in map(Path, inputs) if is_run(path)]
+    if len(runs) > 1 and out is None:
+        raise InputError(
+            f"{', '.join(map(str, runs))}: each run has a folder of annotations of its own; give one run at a time, or "
+            "--out FOLDER here and --annotations FOLDER to circlecal batch"
+        )
+
+    def choose(template: str | None, further: Sequence[str] = (), *, is_plain: bool = False) -> Config:
+        given, place = [*(settings or ()), *further], None if is_plain else venue
+        return options.choose_config(
+            config, given, template, camera_prior=camera_prior, venue=place, tells_field=is_plain
+        )
+
+    chosen = _suit_runs(runs, field, choose, quiet=quiet)
+    frames = take_part(list_frames(inputs, Sampling.parse(every or DEFAULT_EVERY)), part)
     folder = out or (runs[0] / ANNOTATION_FOLDER if runs else Path("circlecal-annotations"))
+    if exists(folder) and not is_folder(folder):
+        raise InputError(f"{folder}: is a file, not a folder; choose another --out")
     session = Session(frames, AnnotationStore(folder), chosen)
 
     if frame is not None and all(frame != listed.file.id for listed in frames):
         raise InputError(f"--frame {frame}: no such frame among the {len(frames)} that were given")
 
+    served: list[str] = []
+
     def tell(address: str) -> None:
+        served.append(address)
         for run in runs:
-            tell_workbench(run, address)
+            try:
+                tell_workbench(run, address)
+            except InputError as error:
+                console.print_note(f"{error}; the report has no link to this page")
         address += "" if frame is None else f"#{quote(frame)}"
         console.print_line(address)
         if not quiet:
@@ -83,5 +110,56 @@ def annotate(
     try:
         serve(session, port, tell)
     finally:
-        for run in runs:
-            tell_workbench(run, None)
+        for run, address in product(runs, served):
+            with contextlib.suppress(InputError):  # it was told before that it cannot be written
+                tell_workbench(run, None, address)
+
+
+def _suit_runs(runs: Sequence[Path], field: str | None, choose: Callable[..., Config], *, quiet: bool) -> Config:
+    """The configuration, on the field and with the sizes that the records of the runs tell.
+
+    Raises
+    ------
+    InputError
+        Another field is named than a run's, the records tell several and none is named, or the field has no template
+        here.
+    ConfigError
+        As :func:`circlecal.cli.options.choose_config`.
+    """
+    from circlecal.cli import console
+    from circlecal.config import AUTO, config_digest
+    from circlecal.errors import ConfigError, InputError
+    from circlecal.pipeline import field_of
+    from circlecal.workbench.frames import RunFacts
+
+    plain = choose(field, is_plain=True)
+    is_named = "field" in plain.model_fields_set and "template" in plain.field.model_fields_set
+    made = {run: RunFacts.of(run) for run in runs}
+    for run, facts in made.items():
+        told, own = " and ".join(facts.fields), field_of(plain)[0].name
+        if facts.fields and own not in facts.fields and is_named:
+            raise InputError(f"{run}: is of the field {told}, not of {own}; name its field with --field, or none")
+        if len(facts.fields) > 1 and not is_named:
+            raise InputError(f"{run}: is of the fields {told}; name one of them with --field")
+        if facts.fields and own not in facts.fields:
+            try:
+                plain, field = choose(told, is_plain=True), told
+            except ConfigError as error:
+                raise InputError(f"{run}: {error}; give the file of its field with --field") from error
+        is_named = True
+    chosen, of_auto = choose(field), None
+    with contextlib.suppress(ConfigError):  # sizes go with no field that pictures tell
+        of_auto = config_digest(choose(AUTO, is_plain=True))
+    for run, facts in made.items():
+        known = field_of(chosen)[0].sizes
+        other = [f"field.sizes.{name}={size}" for name, size in facts.sizes.items() if size != known.get(name, size)]
+        fitting = (c for c in (chosen, choose(field, other)) if config_digest(c) in facts.digests)
+        suited = next(fitting, None)
+        if suited is not None:
+            chosen = suited
+        elif not quiet and facts.digests and of_auto not in facts.digests:
+            console.print_note(
+                f"{run}: was made with other options than these; give its --config, --set, --camera-prior and --venue "
+                "here too, so that frames are calibrated as they were"
+            )
+    return chosen

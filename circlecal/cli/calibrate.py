@@ -138,7 +138,8 @@ def _name_files(ids: Sequence[str], out: Path, config: Config, exported: Sequenc
     from circlecal.pictures.files import OVERLAY_SUFFIX, RADAR_SUFFIX
 
     wanted = {OVERLAY_SUFFIX: config.output.overlay, RADAR_SUFFIX: config.output.radar}
-    suffixes = [".json", *(suffix for suffix, chosen in wanted.items() if chosen)]
+    drawn = (suffix for suffix, chosen in wanted.items() if chosen)
+    suffixes = [".json", *(suffix for suffix in drawn if any((out / f"{name}{suffix}").is_file() for name in ids))]
     if len(ids) > 1:
         others = f", and {len(exported)} of other programs" if exported else ""
         return f"{len(ids)} results are in {out} ({', '.join(f'<id>{suffix}' for suffix in suffixes)}{others})"

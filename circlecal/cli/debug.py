@@ -70,11 +70,12 @@ def debug(
             stored = find_annotation(annotations or out / ANNOTATION_FOLDER, frame.id, frame.path)
             suited = chosen if stored is None else suit_annotation(chosen, stored.annotation)
             picture, calibration = calibrate_frame(frame, chosen, mask, keypoints)
+            annotation = None if stored is None else stored.annotation.resize(picture.shape[1], picture.shape[0])
         except InputError as error:
             report(error)
             continue
-        if stored is not None:
-            by_hand = calibrate_annotation(stored.annotation, suited).attempt
+        if annotation is not None:
+            by_hand = calibrate_annotation(annotation, suited).attempt
             looked_at = replace(
                 by_hand, mask=calibration.attempt.mask, edges=calibration.attempt.edges, rays=calibration.attempt.rays
             )

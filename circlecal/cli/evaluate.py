@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -63,6 +63,7 @@ def evaluate(
     chosen, given = options.parse_size(size), options.parse_size(pred_size, "--pred-size")
     if holds_homographies(truth):
         against_truth = evaluate_truth(truth, methods, given)
+        _note_silent_methods({r.name: (r.answered, r.frames) for r in against_truth}, methods, truth)
         if as_json:
             console.print_json(json.dumps({"size": "1280x720", "methods": [as_record(r) for r in against_truth]}))
         else:
@@ -71,6 +72,7 @@ def evaluate(
     reports = evaluate_annotations(
         truth, methods, chosen, threshold_px=threshold, given_size=given, central=central, held_out=held_out or ()
     )
+    _note_silent_methods({r.name: (r.summary.answered, r.summary.frames) for r in reports}, methods, truth)
     if as_json:
         record = {"size": size, "threshold_px": threshold, "methods": [as_record(r) for r in reports]}
         console.print_json(json.dumps(record))
@@ -92,6 +94,16 @@ def _methods(predictions: Path, compare: Sequence[str]) -> dict[str, Path]:
             raise InputError(f"--compare {text!r}: the name {name!r} is given twice")
         methods[name] = Path(folder)
     return methods
+
+
+def _note_silent_methods(answers: Mapping[str, tuple[int, int]], methods: Mapping[str, Path], truth: Path) -> None:
+    """Say of methods that answer no frame how files are told to be of one: mostly these are of other frames."""
+    from circlecal.cli import console
+
+    for name, (answered, frames) in answers.items():
+        if answered == 0:
+            told = f"{methods[name]}: has a camera for none of the {console.count_of(frames, 'frame')} of {truth}"
+            console.print_note(f"{told}; files are of one frame where their names agree")
 
 
 def print_methods(title: str, reports: Sequence[MethodReport], threshold: float) -> None:

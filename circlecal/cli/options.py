@@ -220,7 +220,12 @@ def choose_config(
     overrides += ["output.radar=true"] if radar else []
     overrides += ["output.overlay=false"] if no_overlay else []
     config = load_config(file, overrides)
-    field_of(config)
+    try:
+        field_of(config)
+    except ConfigError as error:
+        if file is None or load_config(file).field != config.field:
+            raise
+        raise ConfigError(f"{file}: {error}") from error
     if config.field.template == AUTO and (venue is not None or not tells_field):
         raise ConfigError(
             "--field auto is for calibrate, batch, debug and track, without --venue and --rig; name the field"

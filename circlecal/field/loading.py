@@ -50,7 +50,7 @@ def template_from_mapping(content: Any, source: str, sizes: dict[str, float] | N
     merged = dict(content["sizes"])
     for key, value in (sizes or {}).items():
         if key not in merged:
-            raise ConfigError(f"{source}: field.sizes.{key} is unknown; known: {', '.join(sorted(merged))}")
+            raise ConfigError(f"field.sizes.{key} is unknown; known in {source}: {', '.join(sorted(merged))}")
         merged[key] = value
     try:
         evaluated: dict[str, float] = {}
@@ -63,7 +63,8 @@ def template_from_mapping(content: Any, source: str, sizes: dict[str, float] | N
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"]) or "template"
-        raise ConfigError(f"{source}: {where}: {explain_problem(first['type'], first['msg'])}") from error
+        given = "".join(f", with field.sizes.{key}={value:g}" for key, value in (sizes or {}).items())
+        raise ConfigError(f"{source}{given}: {where}: {explain_problem(first['type'], first['msg'])}") from error
 
 
 def field_folder() -> Path:

@@ -13,6 +13,7 @@ other formats a marking has its SoccerNet class where there is one, and a line w
 from __future__ import annotations
 
 import hashlib
+import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +24,7 @@ from pydantic import Field, field_validator, model_validator
 
 from circlecal.errors import CirclecalError, InputError
 from circlecal.field import FieldTemplate, load_field
+from circlecal.files import have_different_content
 from circlecal.formats.cameras import Size
 from circlecal.formats.format import (
     MAX_POINTS,
@@ -34,11 +36,15 @@ from circlecal.formats.format import (
     Side,
     parse_content,
 )
-from circlecal.formats.shapes import AnnotatedFrame, Shape
+from circlecal.formats.shapes import AnnotatedFrame, Shape, scale_between
 from circlecal.formats.soccernet import UNKNOWN_CLASSES
 from circlecal.geometry.projective import Array
 from circlecal.observations import CircleEdge, CirclePoints, LineEnd, LinePoints, Observations
+from circlecal.records.json_text import model_text
+from circlecal.records.parts import Text
 from circlecal.records.record import ResultRecord
+
+_log = logging.getLogger(__name__)
 
 UNKNOWN_LINE = UNKNOWN_CLASSES[1]
 CURVE_POINTS, LINE_POINTS = 36, 6
@@ -53,7 +59,7 @@ _NOT_IN_NAMES = frozenset("/\\:\0")
 _BEGINNING = 200
 
 Pair = Annotated[list[Bounded], Field(min_length=2, max_length=2)]
-Sigma = Annotated[float, Field(gt=0, le=1e4)]
+Sigma = Annotated[float, Field(ge=1e-4, le=1e4)]
 Flag = Literal["no_field", "other_camera"]
 """What a person says of a frame as a whole: that it shows no field, or was not taken with this camera."""
 
@@ -95,22 +101,36 @@ class AnnotatedMarking(FileModel):
         """Standard deviations (N,) along the normal of the marking, pixels."""
         return np.array(self.sigma_px, dtype=np.float64)
 
+    def scale(self, factor: Array) -> Self:
+        """The marking on a picture that is wider and higher by factors (2,)."""
+
+        def move(points: list[Pair]) -> list[Pair]:
+            return ((np.array(points) + 0.5) * factor - 0.5).tolist()
+
+        ends = [end.model_copy(update={"point_px": move([end.point_px])[0]}) for end in self.ends]
+        sigma = (self.sigma * np.sqrt(factor.prod())).tolist()
+        return self.model_copy(update={"points_px": move(self.points_px), "sigma_px": sigma, "ends": ends})
+
 
 class Annotation(FileModel):
     """Everything that is known of one frame.
 
     ``revision`` counts the changes; ``settings`` are options for this frame (:data:`SETTINGS`); ``touched`` says
-    whether a person has changed anything; ``pixel_aspect`` is the width of a pixel over its height.
+    whether a person has changed anything; ``pixel_aspect`` is the width of a pixel over its height. ``circle`` is the
+    one from which the picture was calibrated, where it is another than the field's usual one, and ``placed`` says
+    whether all that is painted decided which marking is which.
     """
 
     annotation_version: Literal[1] = 1
     id: Annotated[str, Field(min_length=1)]
-    source: str | None = None
+    source: Text | None = None
     time_s: float | None = None
     width: Side
     height: Side
     pixel_aspect: Annotated[float, Field(gt=0, lt=1e3)] = 1.0
     field: str = "soccer"
+    circle: str | None = None
+    placed: bool = False
     revision: Annotated[int, Field(ge=0)] = 0
     touched: bool = False
     flag: Flag | None = None
@@ -125,6 +145,24 @@ class Annotation(FileModel):
         if unknown:
             raise ValueError(f"{unknown[0]} cannot be set for one frame; known: {', '.join(SETTINGS)}")
         return given
+
+    def is_of_another(self, picture: Path) -> bool:
+        """Whether its ``source`` is another file than a picture, which is still there and of other content."""
+        return self.source is not None and have_different_content(self.source, picture)
+
+    def resize(self, width: int, height: int) -> Self:
+        """The annotation on a picture of another size; the corners of the picture stay its corners.
+
+        Raises
+        ------
+        InputError
+            The other picture has another aspect.
+        """
+        if (width, height) == (self.width, self.height):
+            return self
+        factor = scale_between(self.id, (self.width, self.height), (width, height))
+        markings = [marking.scale(factor) for marking in self.markings]
+        return self.model_copy(update={"width": width, "height": height, "markings": markings})
 
     def observations(self, nameless: bool = True) -> Observations:
         """Curves and lines that are used; points are shapes, since their place is the template's.
@@ -288,7 +326,8 @@ class StoredAnnotation:
 
 
 def find_annotation(folder: Path | None, frame_id: str, picture: Path | None = None) -> StoredAnnotation | None:
-    """What a person said of a frame in the workbench; None where nobody did.
+    """What a person said of a frame in the workbench; None where nobody did, or of another picture of its name, which
+    is told.
 
     Parameters
     ----------
@@ -297,7 +336,8 @@ def find_annotation(folder: Path | None, frame_id: str, picture: Path | None = N
     frame_id : str
         The frame.
     picture : path, optional
-        Its picture: ``x.json`` beside ``x.png`` is taken where the folder has none.
+        Its picture: ``x.json`` beside ``x.png`` is taken where the folder has none, and no annotation whose ``source``
+        is another file that is there.
 
     Raises
     ------
@@ -307,9 +347,21 @@ def find_annotation(folder: Path | None, frame_id: str, picture: Path | None = N
     path = None if folder is None else annotation_path(folder, frame_id)
     if path is not None and path.is_file():
         stored = _load_file(path)
-        return stored if stored.annotation.touched and stored.annotation.id == frame_id else None
+        is_taken = stored.annotation.touched and stored.annotation.id == frame_id
+        return stored if is_taken and _is_own(stored.annotation, path, picture) else None
     beside = None if picture is None else picture.with_suffix(".json")
-    return _load_file(beside) if beside is not None and is_annotation_file(beside) else None
+    if beside is None or not is_annotation_file(beside):
+        return None
+    stored = _load_file(beside)
+    return stored if _is_own(stored.annotation, beside, picture) else None
+
+
+def _is_own(annotation: Annotation, path: Path, picture: Path | None) -> bool:
+    """Whether an annotation is not that of another picture; one that is, is told."""
+    if picture is None or not annotation.is_of_another(picture):
+        return True
+    _log.warning("%s: is of %s, not of %s, and is not used", path, annotation.source, picture)
+    return False
 
 
 def is_annotation_file(path: Path) -> bool:
@@ -368,7 +420,7 @@ def read(path: Path, content: bytes, size: Size | None) -> list[AnnotatedFrame]:
 
 def annotation_bytes(annotation: Annotation) -> bytes:
     """Content of a file."""
-    return (annotation.model_dump_json() + "\n").encode()
+    return (model_text(annotation) + "\n").encode()
 
 
 def write(frames: Sequence[AnnotatedFrame]) -> bytes:

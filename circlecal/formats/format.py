@@ -7,6 +7,7 @@ Each format has one file in this folder, which ends with ``FORMAT``, and one wor
 from __future__ import annotations
 
 import json
+from codecs import BOM_UTF8
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,7 +21,7 @@ from circlecal.field import FieldTemplate
 from circlecal.files import read_file
 from circlecal.formats.cameras import CalibratedFrame, CameraFrame, CameraModel, Size
 from circlecal.formats.shapes import AnnotatedFrame
-from circlecal.records.json_text import RepeatedKeyError, load_json
+from circlecal.records.json_text import RepeatedKeyError, load_json, validate_json
 
 Kind = Literal["annotation", "camera", "result"]
 MAX_BYTES = 64 << 20
@@ -70,7 +71,7 @@ class Content:
     @cached_property
     def head(self) -> bytes:
         """The first byte that is neither a blank nor a byte order mark."""
-        return self.raw.lstrip(b"\xef\xbb\xbf \t\r\n")[:1]
+        return self.raw.lstrip(BOM_UTF8 + b" \t\r\n")[:1]
 
     @cached_property
     def json(self) -> Any:
@@ -184,7 +185,7 @@ class CameraFormat(OutsideFormat):
 
 
 def parse_content(model: type[Model], path: Path, content: bytes | str, line: int | None = None) -> Model:
-    """The content of a JSON file, or of one line of it, as a model.
+    """The content of a JSON file, or of one line of it, as a model; a byte order mark before it is passed over.
 
     Raises
     ------
@@ -192,7 +193,7 @@ def parse_content(model: type[Model], path: Path, content: bytes | str, line: in
         One line with the file, the line, the field and what is wrong with it.
     """
     try:
-        return model.model_validate_json(content)
+        return validate_json(model, content)
     except ValidationError as error:
         raise _first_problem(error, path, line) from error
 

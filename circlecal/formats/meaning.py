@@ -114,6 +114,7 @@ def observe(
             reading.take(shape)
     observations = reading.observations(frame.width, frame.height)
     if measured is not None:
+        reading.check_names(measured)
         observations = join_observations(measured, observations)
     known = annotation_formats().get(source)  # points of a call come in none
     if sources.halfway_ends and known is not None and known.marks_line_ends:
@@ -203,6 +204,17 @@ class _Reading:
             self.warnings.append(
                 f"{self.file}: {shape.label}: is no marking of the field {self.template.name!r}; left out"
             )
+
+    def check_names(self, measured: Observations) -> None:
+        """Warn of names that the field does not have."""
+        names = [circle.circle for circle in measured.circles]
+        names += [line.line for line in measured.lines if line.line is not None]
+        elements = {name for _, name in _elements(self.template).values()}
+        for name in dict.fromkeys(names):
+            if name not in elements:
+                self.warnings.append(
+                    f"{self.file}: {name}: is no marking of the field {self.template.name!r}; left out"
+                )
 
     def _take_element(self, shape: Shape, element: tuple[str, str]) -> None:
         kind, name = element

@@ -102,11 +102,7 @@ class AnnotatedFrame:
         """
         if (width, height) == (self.width, self.height):
             return self
-        off = abs(self.width * height - width * self.height) / max(self.width, width)
-        if off > ROUNDING_PX:
-            sizes = f"{self.width}x{self.height}, the picture {width}x{height}"
-            raise InputError(f"{self.id}: the annotation is of {sizes}, which has another aspect")
-        factor = np.array([width / self.width, height / self.height])
+        factor = scale_between(self.id, (self.width, self.height), (width, height))
         shapes = tuple(
             replace(
                 shape,
@@ -117,6 +113,21 @@ class AnnotatedFrame:
         )
         seen = None if self.observations is None else self.observations.resize(width, height)
         return replace(self, width=width, height=height, shapes=shapes, observations=seen)
+
+
+def scale_between(frame_id: str, annotated: tuple[int, int], picture: tuple[int, int]) -> Array:
+    """Factors (2,) from the size of an annotation to that of its picture, width and height each.
+
+    Raises
+    ------
+    InputError
+        They have another aspect.
+    """
+    (own_width, own_height), (width, height) = annotated, picture
+    if abs(own_width * height - width * own_height) / max(own_width, width) > ROUNDING_PX:
+        sizes = f"{own_width}x{own_height}, the picture {width}x{height}"
+        raise InputError(f"{frame_id}: the annotation is of {sizes}, which has another aspect")
+    return np.array([width / own_width, height / own_height])
 
 
 @dataclass(frozen=True, slots=True)

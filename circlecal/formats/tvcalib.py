@@ -54,7 +54,7 @@ def read(path: Path, content: bytes, size: Size | None) -> list[CameraFrame]:
         A line is no camera, or its size is not known.
     """
     try:
-        lines = content.decode("utf-8").splitlines()
+        lines = content.decode("utf-8-sig").splitlines()
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: is not UTF-8 text") from error
     samples = [

@@ -191,6 +191,7 @@ def estimate(
     ellipses, cues, observations = attempt.ellipses, attempt.cues, attempt.observations
     config, template, circle = setting.config, setting.template, setting.circle
     attempt = replace(attempt, correspondences=None, no_correspondences=None, homography=None, camera=None)
+    attempt = replace(attempt, is_placed=not is_strain_left_out)
     try:
         if config.solver is not None:
             return judge_attempt(setting, _solve(setting, config.solver, attempt, ellipses, observations))

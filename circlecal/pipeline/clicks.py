@@ -38,6 +38,7 @@ def run_observations(
     source: str | None = None,
     convention: Convention = "official",
     earlier: CameraFit | None = None,
+    is_placed: bool = False,
 ) -> FrameCalibration:
     """Calibrate from what somebody else saw: annotated points or detected keypoints, without a picture.
 
@@ -54,6 +55,8 @@ def run_observations(
         model has no paint width, and every field is of its size), ``paint`` on the centreline of the paint.
     earlier : CameraFit, optional
         As for :func:`circlecal.pipeline.attempts.estimate`.
+    is_placed : bool
+        Whether all that is painted decided what was seen, so that nothing is left out for straining the camera.
 
     Returns
     -------
@@ -64,7 +67,7 @@ def run_observations(
     """
 
     def answer(chosen: Config) -> FrameCalibration:
-        return _answer(observations, chosen, frame_id, source, convention, earlier)
+        return _answer(observations, chosen, frame_id, source, convention, earlier, is_placed)
 
     first = calibrate_by_cameras(config, answer)
     if first.attempt.code != "too_uncertain" or convention != "official" or not _leaves_choice(config):
@@ -104,12 +107,14 @@ def _answer(
     source: str | None,
     convention: Convention,
     earlier: CameraFit | None,
+    is_placed: bool,
 ) -> FrameCalibration:
     template, circle = field_of(config)
     template = apply_convention(template, convention)
     generator = frame_generator(config.seed)
     setting = Setting(config, template, circle, observations.width, observations.height, generator)
-    attempt = estimate(setting, take_observations(setting, Attempt(), observations), earlier)
+    seen = take_observations(setting, Attempt(), observations)
+    attempt = estimate(setting, seen, earlier, is_strain_left_out=not is_placed)
     return setting.calibration(cover_painters(setting, attempt), frame_id, source)
 
 

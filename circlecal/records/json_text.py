@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+from codecs import BOM_UTF8
 from collections import Counter
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 from pydantic_core import PydanticSerializationError
 
 from circlecal.errors import InputError, explain_problem
@@ -16,6 +17,7 @@ from circlecal.records.record import SCHEMA_VERSION, ResultRecord, ResultRow
 
 GIVE_A_RESULT = "give a result file of circlecal calibrate"
 Record = TypeVar("Record", bound=ResultRow)
+Model = TypeVar("Model", bound=BaseModel)
 
 
 class RepeatedKeyError(ValueError):
@@ -59,10 +61,7 @@ def write_result(path: Path, record: ResultRecord) -> None:
 
 def result_line(record: ResultRecord) -> str:
     """The record on one line, with the keys that were given."""
-    try:
-        return record.model_dump_json(exclude_unset=True)
-    except PydanticSerializationError:  # a name that no encoding can write
-        return json.dumps(record.model_dump(exclude_unset=True), allow_nan=False, separators=(",", ":"))
+    return model_text(record, exclude_unset=True)
 
 
 def read_result(path: Path) -> ResultRecord:
@@ -101,7 +100,7 @@ def parse_record(content: bytes, model: type[Record], name: str, mend: str) -> R
     if issubclass(model, ResultRecord):
         require_single_keys(content, name)
     try:
-        record = _validate(content, model)
+        record = validate_json(model, content, strict=False)
     except ValidationError as error:
         version = _version_of(content)
         if version in (None, SCHEMA_VERSION):
@@ -129,17 +128,35 @@ def require_single_keys(content: bytes, name: str) -> None:
         pass  # what is wrong with it is told by those who read it
 
 
-def _validate(content: bytes, model: type[Record]) -> Record:
+def validate_json(model: type[Model], content: bytes | str, strict: bool | None = None) -> Model:
+    """A model from its JSON text, in which names may stand that no encoding can write (:data:`Text` of the model); a
+    byte order mark before it is passed over.
+
+    Raises
+    ------
+    ValidationError
+        It is no such model.
+    """
+    content = content.removeprefix(BOM_UTF8) if isinstance(content, bytes) else content
     try:
         return model.model_validate_json(content)
     except ValidationError:
-        if b"\\ud" not in content:
+        text = content if isinstance(content, bytes) else content.encode(errors="surrogatepass")
+        if b"\\ud" not in text:
             raise
     try:
-        value = json.loads(content)  # which takes a name that no encoding can write, as the model's parser does not
+        value = json.loads(content)  # which takes such a name, as the model's parser does not
     except (ValueError, RecursionError):
         return model.model_validate_json(content)
-    return model.model_validate(value, strict=False)
+    return model.model_validate(value, strict=strict)
+
+
+def model_text(model: BaseModel, *, exclude_unset: bool = False) -> str:
+    """A model as JSON on one line; what no encoding can write becomes escapes, which :func:`validate_json` reads."""
+    try:
+        return model.model_dump_json(exclude_unset=exclude_unset)
+    except PydanticSerializationError:
+        return json.dumps(model.model_dump(exclude_unset=exclude_unset), allow_nan=False, separators=(",", ":"))
 
 
 def parse_sound_parts(content: bytes) -> ResultRecord:
@@ -151,7 +168,7 @@ def parse_sound_parts(content: bytes) -> ResultRecord:
         Not even what every record has is sound.
     """
     try:
-        return _validate(content, ResultRecord)
+        return validate_json(ResultRecord, content, strict=False)
     except ValidationError as error:
         damaged = {problem["loc"][0] for problem in error.errors(include_url=False) if problem["loc"]}
         value = json.loads(content)

@@ -169,18 +169,22 @@ def _write_frames(run: StoredRun, out: Path, options: ReportOptions, against: St
             yield waiting.popleft().result()
 
 
-def tell_workbench(run: Path, address: str | None) -> None:
+def tell_workbench(run: Path, address: str | None, ended: str | None = None) -> None:
     """Tell the report of a run where its workbench is served, so that frames link to it; None when it has ended.
 
-    Without a report in its usual place nothing is written. Only the user who runs the workbench may read the file,
-    since the address holds its token.
+    What the report was told since by another workbench than the ``ended`` one stays. Without a report in its usual
+    place nothing is written. Only the user who runs the workbench may read the file, since the address holds its token.
     """
     path = run / REPORT_FOLDER / ANNOTATE_NAME
-    if not is_file(path):
+    if not is_file(path) or (ended is not None and path.read_bytes() != _address_script(ended)):
         return
     with contextlib.suppress(OSError):
         path.chmod(0o600)
-    write_file(path, _script("circlecalAnnotate(", address, ")"))
+    write_file(path, _address_script(address))
+
+
+def _address_script(address: str | None) -> bytes:
+    return _script("circlecalAnnotate(", address, ")")
 
 
 def _script(before: str, content: Any, after: str) -> bytes:

@@ -64,6 +64,8 @@ class Attempt(ShortRepr):
         Circle of the template that the seen one was taken for, where it is another than the one looked for.
     rivals : tuple of Rival
         What else it may be, the likeliest first, where that was asked.
+    is_placed : bool
+        Whether all that is painted decided what the observations are: none was left out for straining the camera.
     """
 
     mask: MarkingMask | None = None
@@ -79,6 +81,7 @@ class Attempt(ShortRepr):
     verdict: Verdict | None = None
     circle_name: str | None = None
     rivals: tuple[Rival, ...] = ()
+    is_placed: bool = False
 
     @property
     def fitted(self) -> Fitted | None:

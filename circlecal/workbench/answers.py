@@ -45,6 +45,9 @@ FEW_POINTS = 40
 STEP_M = 0.5
 """Distance of the places along a drawn marking, metres: a chord of the circle then leaves it by 3 mm."""
 
+TAKE_AWAY = "Take away the name that is marked as contradicting, or give it another one."
+LOOK_AT_NAMES = "Look at what is named: something has another marking's name, or its points lie beside its paint."
+ONE_MORE = "Name one more marking: another line, an arc or a crossing of two lines."
 ADVICE = {
     "no_circle": "Name the circle, or four straight markings, or three and an arc.",
     "no_circle_found": "Click the circle's paint, or name four straight markings, or three and an arc.",
@@ -54,10 +57,25 @@ ADVICE = {
     "rotation_free": "Name one straight marking: click it in the picture, then on the field.",
     "too_uncertain": "Name a marking far from what is named so far: a touchline, a penalty area.",
     "mark_contradicts_circle": "Look at the centre mark and the halfway line: take away what is not on its paint.",
-    "observations_contradict": "Take away the name that is marked as contradicting, or give it another one.",
-    "too_few_observations": "Name one more marking: another line, an arc or a crossing of two lines.",
-}
-"""What to click next, by the code of the refusal; what helps elsewhere is the refusal's own help."""
+    **dict.fromkeys(
+        (
+            "too_few_observations", "few_markings", "no_line_or_point", "arc_too_short", "circle_unconfirmed",
+            "circle_open",
+        ),
+        ONE_MORE,
+    ),
+    **dict.fromkeys(
+        (
+            "observations_contradict", "residual_too_large", "implausible_camera", "no_camera", "mirrored",
+            "circle_behind_camera", "field_behind_camera", "line_beyond_field", "markings_missing", "edges_contradict",
+            "paint_unexplained", "picture_contradicts",
+        ),
+        LOOK_AT_NAMES,
+    ),
+}  # fmt: skip
+"""What to click next, by the code of the refusal, where no name is marked as contradicting the others; what helps
+elsewhere is the refusal's own help.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,16 +170,17 @@ def describe(told: Answer) -> dict[str, Any]:
     drawn = see_markings(view, told.template)
     verdict, camera = found.verdict, found.attempt.camera
     recognised = told.recognise()
+    markings = _markings(told, recognised, drawn)
     return {
         "status": found.status,
         "code": verdict.code,
         "reason": verdict.reason,
-        "missing": advise(told),
+        "missing": advise(told, contradicted=any(marking["contradicts"] for marking in markings)),
         "sigma_px": None if camera is None else _finite(camera.max_sigma_px),
         "sigma_m": None if camera is None else _finite(camera.max_sigma_m),
         "rating": rate_sigma(None if camera is None else camera.max_sigma_px, told.annotation.width),
         "template": {name: runs for name, seen in drawn.items() if (runs := _runs(seen.pixels))},
-        "markings": _markings(told, recognised, drawn),
+        "markings": markings,
         "suggested": {str(k): name for k, name in suggest_names(told, drawn).items()},
         "camera": None if view is None else describe_view(view),
         "sigma": None if view is None else sigma_grid(_count_from_seen(view, camera)),
@@ -175,11 +194,15 @@ def _count_from_seen(view: FieldView, camera: CameraFit | None) -> FieldView:
     return view if camera is None else count_sigma_from_seen(view, camera.reference_by_growth)
 
 
-def advise(told: Answer) -> str | None:
-    """What to do next, in a sentence; None where the frame is calibrated."""
+def advise(told: Answer, *, contradicted: bool) -> str | None:
+    """What to do next, in a sentence, where a name is marked as contradicting the others or none is; None where the
+    frame is calibrated.
+    """
     code = told.found.verdict.code
     if code is None:
         return None
+    if contradicted:
+        return TAKE_AWAY
     return ADVICE.get(code) or explain(code, told.found.verdict.stage).help
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.errors import InputError
-from circlecal.files import exists, require_input
+from circlecal.files import exists, real_path, require_input
 from circlecal.pictures.files import PictureFile, find_frames, read_image
 from circlecal.pictures.inputs import expand_inputs
 from circlecal.pictures.remote import is_url
@@ -65,6 +65,42 @@ def is_run(path: Path) -> bool:
     return path.is_dir() and (path / RESULTS_NAME).is_file()
 
 
+@dataclass(frozen=True, slots=True)
+class RunFacts:
+    """What the records of a run say of how it was made.
+
+    Attributes
+    ----------
+    fields : tuple of str
+        Templates of its calibrated frames, else of all.
+    sizes : dict of str to float
+        Of the field, metres; empty where frames differ in them.
+    digests : frozenset of str
+        Of configurations; empty for runs of rigs and tracks, whose digests cover more.
+    """
+
+    fields: tuple[str, ...]
+    sizes: dict[str, float]
+    digests: frozenset[str]
+
+    @classmethod
+    def of(cls, folder: Path) -> RunFacts:
+        """Read a run.
+
+        Raises
+        ------
+        InputError
+            It is damaged.
+        """
+        rows = [row for row in read_records(folder, ResultRow) if row.field is not None]
+        rows = [row for row in rows if row.status == "calibrated"] or rows
+        fields = {row.field.template: row.field.sizes or {} for row in rows if row.field is not None}
+        differ = any(row.field is not None and (row.field.sizes or {}) != fields[row.field.template] for row in rows)
+        sizes = next(iter(fields.values()), {}) if len(fields) == 1 and not differ else {}
+        plain = [row.config_digest for row in rows if row.rig is None and row.track is None]
+        return cls(tuple(fields), sizes, frozenset(digest for digest in plain if digest is not None))
+
+
 def list_frames(inputs: Sequence[str], sampling: Sampling) -> list[ListedFrame]:
     """Frames of runs, pictures, folders of them and videos.
 
@@ -78,7 +114,8 @@ def list_frames(inputs: Sequence[str], sampling: Sampling) -> list[ListedFrame]:
     Raises
     ------
     InputError
-        A missing input, a damaged run, a run none of whose pictures is where it was, a URL, or nothing to show.
+        A missing input, a damaged run, a run none of whose pictures is where it was, a URL, two frames of one id, or
+        nothing to show.
     """
     found: list[ListedFrame] = []
     others = []
@@ -100,7 +137,20 @@ def list_frames(inputs: Sequence[str], sampling: Sampling) -> list[ListedFrame]:
             found += [ListedFrame(replace(frame, picture=None)) for frame in video.frames(sampling)]
     if not found:
         raise InputError(f"{', '.join(map(str, inputs))}: holds no frames; give a run, pictures, a folder or a video")
-    return found
+    return _take_once(found)
+
+
+def _take_once(frames: Sequence[ListedFrame]) -> list[ListedFrame]:
+    """The frames, those that are given twice once: the annotation of a frame is found by its id."""
+    found: dict[str, ListedFrame] = {}
+    for frame in frames:
+        first = found.setdefault(frame.file.id, frame).file
+        if (real_path(first.path), first.time_s) != (real_path(frame.file.path), frame.file.time_s):
+            raise InputError(
+                f"{frame.file.id}: is the id of {first.source} and of {frame.file.source}; give them one at a time, "
+                "each with an --out of its own"
+            )
+    return list(found.values())
 
 
 def take_part(frames: list[ListedFrame], part: str | None) -> list[ListedFrame]:

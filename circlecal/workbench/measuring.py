@@ -127,7 +127,7 @@ def begin_annotation(measured: MeasuredPicture, config: Config, frame: PictureFi
         names = camera.names_by_line if camera is not None and found.status == "calibrated" else {}
         lines = tuple(replace(line, line=line.line or names.get(k)) for k, line in enumerate(seen.lines))
         markings = markings_of(replace(seen, lines=lines), "measured")
-    template, _ = field_of(config)
+    template, circle = field_of(config)
     return Annotation(
         id=frame.id,
         source=frame.source,
@@ -136,6 +136,8 @@ def begin_annotation(measured: MeasuredPicture, config: Config, frame: PictureFi
         height=found.height,
         pixel_aspect=found.aspect,
         field=config.field.template if config.field.template.endswith((".yaml", ".yml")) else template.name,
+        circle=found.circle_name if found.circle_name != circle.name else None,
+        placed=found.attempt.is_placed,
         markings=markings,
     )
 

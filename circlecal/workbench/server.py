@@ -7,6 +7,7 @@ comes from outside. The content security policy lets the page load what this ser
 
 from __future__ import annotations
 
+import json
 import secrets
 import socket
 from collections.abc import Callable
@@ -19,12 +20,13 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
-from starlette.responses import JSONResponse, Response
+from starlette.responses import Response
 from starlette.routing import Route
 
 from circlecal.errors import CirclecalError
 from circlecal.formats.annotation import Annotation
 from circlecal.formats.registry import annotation_formats
+from circlecal.records.json_text import validate_json
 from circlecal.workbench.page_field import describe_field
 from circlecal.workbench.session import Session
 from circlecal.workbench.store import NewerError
@@ -35,6 +37,8 @@ SHARED = tuple(Path(__file__).parents[1] / "report" / "assets" / name for name i
 LOCAL = "127.0.0.1"
 MOST_BYTES = 64 << 20
 """Of one request; a file of annotations of a whole season is smaller."""
+MOST_LINES = 20
+"""Of what an export left out, since a header is short."""
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -95,7 +99,7 @@ class _Desk:
         return _json(await run_in_threadpool(self.session.show, request.path_params["index"]))
 
     async def save(self, request: Request) -> Response:
-        change, index = _Change.model_validate_json(await _body(request)), request.path_params["index"]
+        change, index = validate_json(_Change, await _body(request)), request.path_params["index"]
         try:
             saved = await run_in_threadpool(self.session.save, index, change.annotation, change.base)
         except NewerError as error:
@@ -118,9 +122,14 @@ class _Desk:
         return _json([marking.model_dump(mode="json") for marking in opened.begun.markings])
 
     async def export(self, request: Request) -> Response:
-        name, content = await run_in_threadpool(self.session.export, request.path_params["name"])
-        kind = {"Content-Disposition": f'attachment; filename="{name}"'}
-        return Response(content, media_type="application/octet-stream", headers=kind)
+        found = await run_in_threadpool(self.session.export, request.path_params["name"])
+        told = found.left_out[:MOST_LINES]
+        told += [f"and {len(found.left_out) - len(told)} more"] if len(told) < len(found.left_out) else []
+        headers = {
+            "Content-Disposition": f'attachment; filename="{found.name}"',
+            "Circlecal-Left-Out": json.dumps(told),
+        }
+        return Response(found.content, media_type="application/octet-stream", headers=headers)
 
     async def take_in(self, request: Request) -> Response:
         content, name = await _body(request), request.query_params.get("name", "file.json")
@@ -228,11 +237,12 @@ async def _body(request: Request) -> bytes:
 
 
 def _json(content: Any, status: int = 200) -> Response:
-    return JSONResponse(content, status)
+    """JSON in ASCII: names of files need not be text."""
+    return Response(json.dumps(content, allow_nan=False), status, media_type="application/json")
 
 
 def _problem(text: str, status: int) -> Response:
-    return JSONResponse({"error": text}, status)
+    return _json({"error": text}, status)
 
 
 def _tell(request: Request, error: Exception) -> Response:

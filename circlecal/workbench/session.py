@@ -61,6 +61,15 @@ class OpenFrame:
     begun: Annotation
 
 
+@dataclass(frozen=True, slots=True)
+class Exported:
+    """A file for another program: its name, its content, and why annotations are not in it, a line each."""
+
+    name: str
+    content: bytes
+    left_out: list[str]
+
+
 class Session:
     """Frames, annotations and configuration of one server.
 
@@ -75,22 +84,37 @@ class Session:
     """
 
     def __init__(self, frames: Sequence[ListedFrame], store: AnnotationStore, config: Config) -> None:
-        order = {"refused": 0, "doubtful": 1, "unknown": 2, "calibrated": 3}
-        self.frames = sorted(frames, key=lambda frame: order[frame.state])
         self.store = store
         self.config = config
         self._held: OrderedDict[int, OpenFrame] = OrderedDict()
         self._lock = threading.Lock()
         self._search: object = None
-        known = store.known()
-        for index, frame in enumerate(self.frames):
-            if store.path(frame.file.id).name in known:
-                self._take_up(index, frame)
+        known, order = store.known(), {"refused": 0, "doubtful": 1, "unknown": 2, "calibrated": 3}
+        listed = [self._take_up(frame) if store.path(frame.file.id).name in known else frame for frame in frames]
+        self.frames = sorted(listed, key=lambda frame: order[frame.state])
 
-    def _take_up(self, index: int, frame: ListedFrame) -> None:
-        annotation = self.store.read(frame.file.id)
-        if annotation is not None:
-            self.frames[index] = replace(frame, annotated=annotation.touched, flag=annotation.flag)
+    def _take_up(self, frame: ListedFrame) -> ListedFrame:
+        """The frame with what its annotation says of it; one whose annotation cannot be used is there to be mended."""
+        try:
+            annotation = self._read_annotation(frame)
+        except InputError:
+            return replace(frame, state="refused", code="unusable_annotation", annotated=True)
+        return frame if annotation is None else replace(frame, annotated=annotation.touched, flag=annotation.flag)
+
+    def _read_annotation(self, frame: ListedFrame) -> Annotation | None:
+        """The saved annotation of a frame.
+
+        Raises
+        ------
+        InputError
+            The file is damaged, or of another picture of the same name.
+        """
+        saved = self.store.read(frame.file.id)
+        if saved is not None and saved.is_of_another(frame.file.path):
+            raise InputError(
+                f"{self.store.path(saved.id)}: is of {saved.source}, not of {frame.file.path}; give another --out"
+            )
+        return saved
 
     @property
     def template(self) -> FieldTemplate:
@@ -133,8 +157,14 @@ class Session:
         return self.frames[index]
 
     def annotation(self, index: int) -> Annotation:
-        """What is known of a frame: its saved annotation, or what was measured."""
-        saved = self.store.read(self._frame(index).file.id)
+        """What is known of a frame: its saved annotation, or what was measured.
+
+        Raises
+        ------
+        InputError
+            No such frame, its picture cannot be read, or its annotation is damaged or of another picture.
+        """
+        saved = self._read_annotation(self._frame(index))
         if saved is None:
             return self.open(index).begun
         size = self.open(index).measured.picture.shape
@@ -237,8 +267,8 @@ class Session:
             return exact_clicks(measured, points) if found is None else found
         raise InputError(f"{mode}: is no way to mark something")
 
-    def export(self, name: str) -> tuple[str, bytes]:
-        """All annotations that people made in another format: name and content of a file, a ZIP of several.
+    def export(self, name: str) -> Exported:
+        """All annotations that people made in another format: one file, or a ZIP of several.
 
         Raises
         ------
@@ -248,20 +278,26 @@ class Session:
         known = {key: f for key, f in annotation_formats().items() if f.write is not None}
         require_format(name, known, "export", "format that can be written")
         target: AnnotationFormat = known[name]
-        frames = [annotation.frame() for annotation in self._annotations()]
+        left_out: list[str] = []
+        frames = [annotation.frame() for annotation in self._annotations(left_out)]
         if not frames or target.write is None:
-            raise InputError("nothing is annotated yet")
+            raise InputError(left_out[0] if left_out else "nothing is annotated yet")
         if not target.per_frame:
-            return target.file_name, target.write(frames)
+            return Exported(target.file_name, target.write(frames), left_out)
         stream = io.BytesIO()
         with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
             for frame in frames:
                 archive.writestr(target.file_name.format(id=self.store.path(frame.id).stem), target.write([frame]))
-        return f"{name}.zip", stream.getvalue()
+        return Exported(f"{name}.zip", stream.getvalue(), left_out)
 
-    def _annotations(self) -> Iterator[Annotation]:
+    def _annotations(self, left_out: list[str]) -> Iterator[Annotation]:
+        """Annotations of frames that people annotated; why one cannot be used is added to ``left_out``."""
         for frame in self.frames:
-            annotation = self.store.read(frame.file.id) if frame.annotated else None
+            try:
+                annotation = self._read_annotation(frame) if frame.annotated else None
+            except InputError as error:
+                left_out.append(str(error))
+                continue
             if annotation is not None:
                 yield annotation
 
@@ -312,7 +348,8 @@ class Session:
         return found.name, read_annotations(path, (begun.width, begun.height), found.name)[1]
 
     def _merge(self, index: int, frame: AnnotatedFrame, source: str) -> tuple[str, ...]:
-        """The imported markings in the place of those of the same names; what was left out, one line each.
+        """The imported markings in the place of those of the same names; what a person should know of it, one line
+        each. What somebody clicked stays in the list, not used.
 
         Raises
         ------
@@ -329,11 +366,20 @@ class Session:
             left_out = f": {seen.warnings[0]}" if seen.warnings else ""
             raise InputError(f"{frame.id}: nothing in it is a marking of this field{left_out}")
         names = {marking.name for marking in imported if marking.name is not None}
-        kept = [m for m in current.markings if m.name is None or m.name not in names]
-        changed = current.model_copy(update={"markings": [*kept, *imported]})
-        self.store.save(changed, current.revision)
+        measured = [marking.points_px for marking in self.open(index).begun.markings]
+        kept, clicked = [], []
+        for marking in current.markings:
+            if marking.name is None or marking.name not in names or not marking.used:
+                kept.append(marking)
+            elif marking.source != "imported" and marking.points_px not in measured:
+                kept.append(marking.model_copy(update={"used": False}))
+                clicked.append(marking.name.replace("_", " "))
+        self.store.save(current.model_copy(update={"markings": [*kept, *imported]}), current.revision)
         self.show(index)
-        return seen.warnings
+        told = [f"{frame.id}: {name}: what was clicked here stays in the list, not used" for name in clicked]
+        if current.flag is not None:
+            told.append(f"{frame.id}: stays flagged {current.flag.replace('_', ' ')}; take the flag away to use it")
+        return (*seen.warnings, *told)
 
 
 def _jpeg(picture: NDArray[np.uint8]) -> bytes:

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 
 from circlecal.errors import InputError
-from circlecal.files import prepare_folder, write_atomic
+from circlecal.files import write_atomic, write_error
 from circlecal.formats.annotation import Annotation, annotation_bytes, annotation_path, parse_annotation
+
+LOCK_NAME = ".lock"
+"""Held while a frame is compared and written: several servers may have one folder."""
 
 
 class NewerError(Exception):
@@ -50,7 +56,10 @@ class AnnotationStore:
             return None
         except OSError as error:
             raise InputError(f"{path}: cannot be read: {error.strerror}") from error
-        return parse_annotation(path, content)
+        try:
+            return parse_annotation(path, content)
+        except InputError as error:
+            raise InputError(f"{error}; mend the file or move it away") from error
 
     def save(self, annotation: Annotation, base: int) -> Annotation:
         """Write a changed annotation.
@@ -74,18 +83,40 @@ class AnnotationStore:
         InputError
             It cannot be written.
         """
-        with self._lock:
+        with self._lock, _hold_lock(self.folder / LOCK_NAME):
             current = self.read(annotation.id)
             if (0 if current is None else current.revision) != base:
                 if current is None:
                     current = annotation.model_copy(update={"revision": 0})
                 raise NewerError(current)
             saved = annotation.model_copy(update={"revision": base + 1, "touched": True})
-            if current is None:
-                prepare_folder(self.folder)
             write_atomic(self.path(annotation.id), annotation_bytes(saved))
             return saved
 
     def known(self) -> set[str]:
         """Names of the files that there are."""
         return {path.name for path in self.folder.glob("*.json")} if self.folder.is_dir() else set()
+
+
+@contextlib.contextmanager
+def _hold_lock(path: Path) -> Iterator[None]:
+    """Wait for a lock that other processes wait for too; a file system without locks has none.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be made or not be written to.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+    except OSError as error:
+        raise write_error(path.parent, error) from error
+    try:
+        with contextlib.suppress(ImportError, OSError):  # not on Windows
+            import fcntl
+
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)

@@ -102,6 +102,19 @@ def test_a_folder_of_annotations(run_circlecal, annotation_file, tmp_path):
     assert "is a line of one point" in flat
 
 
+def test_of_several_annotations_only_the_files_that_there_are_are_named(run_circlecal, annotation_file, tmp_path):
+    annotation_file.with_name("00043.json").write_bytes(annotation_file.read_bytes())
+    outcome = run_circlecal("calibrate", annotation_file.parent, "--size", "960x540", "--out", tmp_path / "out")
+    assert f"2 results are in {tmp_path / 'out'} (<id>.json)" in outcome.err.replace("\n", "")
+
+
+def test_a_byte_order_mark_is_passed_over(run_circlecal, annotation_file, tmp_path):
+    annotation_file.write_bytes(b"\xef\xbb\xbf" + annotation_file.read_bytes())
+    outcome = run_circlecal("calibrate", annotation_file, "--size", "960x540", "--out", tmp_path / "out")
+    assert outcome.code in (0, 1), outcome.err
+    assert (tmp_path / "out" / "00042.json").is_file()
+
+
 def test_a_folder_of_pictures_leaves_other_files_alone(run_circlecal, frame_file, tmp_path):
     frame_file.with_name("notes.json").write_text("{}")
     outcome = run_circlecal("calibrate", frame_file.parent, "--out", tmp_path / "out", "--no-overlay", *QUICK)

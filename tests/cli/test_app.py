@@ -209,3 +209,26 @@ def test_one_thread_of_linear_algebra_unless_more_are_wanted(given, threads):
         [sys.executable, "-c", script], capture_output=True, text=True, check=True, env={**surroundings, **given}
     )
     assert run.stdout.splitlines()[-1] == threads
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        ("field: {sizes: {lenght: 100}}", "field.sizes.lenght is unknown; known in"),
+        (
+            "field: {sizes: {length: 100000}}",
+            "with field.sizes.length=100000: length_m: should be less than",
+        ),
+        ("field: {template: nosuch}", "field 'nosuch' is unknown"),
+        ("field: {circle: nosuch}", "field.circle: 'nosuch' is not a circle of soccer"),
+    ],
+)
+def test_what_a_file_says_of_the_field_is_refused_with_the_name_of_that_file(run_circlecal, tmp_path, content, told):
+    file = tmp_path / "own.yaml"
+    file.write_text(content)
+    outcome = run_circlecal("config", "--config", file)
+    assert (outcome.code, outcome.err.count("\n")) == (2, 1)
+    assert outcome.err.startswith(f"circlecal: error: {file}: ") and told in outcome.err
+    file.write_text("seed: 3")
+    outcome = run_circlecal("config", "--config", file, "--set", "field.sizes.lenght=100")
+    assert outcome.code == 2 and str(file) not in outcome.err

@@ -35,6 +35,15 @@ def test_exact_cameras_and_a_missing_one(run_circlecal, folders):
     assert found["exact"]["median_ground_m"] < 0.01
 
 
+def test_a_method_of_other_frames_is_told(run_circlecal, folders):
+    truth, exact, off = folders
+    for path in list(off.iterdir()):
+        path.rename(path.with_name(path.name.replace("camera_", "camera_other_")))
+    told = " ".join(run_circlecal("evaluate", truth, exact, "--compare", f"off={off}").err.split())
+    assert f"{off}: has a camera for none of the 4 frames of {truth}; files are of one frame where" in told
+    assert str(exact) not in told
+
+
 def test_another_size_gives_the_same(run_circlecal, folders):
     truth, exact, _ = folders
     found = methods_of(run_circlecal("evaluate", truth, exact, "--size", "1920x1080", "--json"))

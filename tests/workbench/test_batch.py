@@ -87,6 +87,25 @@ def test_an_annotation_beside_its_picture_is_taken(pictures, named, run_circleca
     assert run_circlecal("debug", pictures / "open.png", "--out", tmp_path / "debug", "-q").code == 0
 
 
+def test_an_annotation_is_scaled_to_its_picture_and_one_of_another_aspect_is_refused(
+    pictures, named, run_circlecal, in_this_process, tmp_path
+):
+    store, whole = AnnotationStore(tmp_path / "annotations"), cv2.imread(str(pictures / "open.png"))
+    store.save(named, 0)
+    command = ("calibrate", pictures / "open.png", "--annotations", store.folder, "--json", "--out", tmp_path / "out")
+    told = json.loads(run_circlecal(*command).out)
+    cv2.imwrite(str(pictures / "open.png"), cv2.resize(whole, (480, 270), interpolation=cv2.INTER_AREA))
+    half = json.loads(run_circlecal(*command).out)
+    assert half["annotation"] and half["image"] == {"width": 480, "height": 270}
+    assert half["camera"]["position_meters"] == pytest.approx(told["camera"]["position_meters"], abs=1.0)
+    debugged = ("--annotations", store.folder, "--out", tmp_path / "debug", "-q")
+    assert run_circlecal("debug", pictures / "open.png", *debugged).code == 0
+    cv2.imwrite(str(pictures / "open.png"), whole[:, :540])
+    refused = run_circlecal(*command)
+    assert (refused.code, refused.err.count("\n")) == (2, 1)
+    assert "open: the annotation is of 960x540, the picture 540x540, which has another aspect" in refused.err
+
+
 @pytest.fixture
 def robots(tmp_path) -> Path:
     """An annotation of a robots' field: circle, halfway line and far touchline, clicked."""
@@ -130,12 +149,28 @@ def test_an_annotation_counts_on_the_field_it_was_made_on(robots, run_circlecal,
     )
     other = run_circlecal(*command, tmp_path / "c", "--field", "futsal")
     assert other.code == 2
-    assert "robots: was annotated on the field robocup, not on futsal; name it with --field" in other.err
+    assert (
+        "robots: was annotated on the field robocup, not on futsal; give --field robocup, or move the annotation away"
+        in other.err
+    )
     cv2.imwrite(str(robots.with_suffix(".png")), np.full((540, 960, 3), 90, np.uint8))
     beside = run_circlecal("calibrate", robots.with_suffix(".png"), "--json", "--no-overlay", "--out", tmp_path / "d")
     told = json.loads(beside.out)
     assert told["field"]["template"] == "robocup" and told["annotation"]
     assert run_circlecal("debug", robots.with_suffix(".png"), "--out", tmp_path / "e", "-q").code == 0
+
+
+def test_names_that_the_field_does_not_have_and_points_without_noise_are_told(robots, run_circlecal, tmp_path):
+    said = json.loads(robots.read_text())
+    command = ("calibrate", robots, "--no-overlay", "--out", tmp_path / "a")
+    moon = {"name": "moon", "kind": "line", "points_px": [[350.0, 299.0], [450.0, 310.0]], "sigma_px": [0.5, 0.5]}
+    robots.write_text(json.dumps({**said, "markings": [*said["markings"], moon]}))
+    told = run_circlecal(*command)
+    assert "moon: is no marking of the field 'robocup'; left out" in " ".join(told.err.split())
+    robots.write_text(json.dumps({**said, "markings": [{**moon, "sigma_px": [0.5, 1e-300]}]}))
+    told = run_circlecal(*command)
+    assert (told.code, told.err.count("\n")) == (2, 1)
+    assert "markings.0.sigma_px.1: should be greater than or equal to 0.0001, not 1e-300" in told.err
 
 
 @pytest.mark.parametrize("sigma_px", [0.2, 20.0])

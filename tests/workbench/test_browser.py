@@ -117,7 +117,7 @@ def of_ten_thousand_frames_only_those_in_view_are_drawn(browser):
     """Only the rows in view exist, and keys, filters and search reach all of them."""
     told = browser.run(
         """
-        return import("./list.js").then(({ FrameList }) => {
+        return import("./list.js").then(({ FrameList, isToDo }) => {
           const box = document.body.appendChild(document.createElement("div")), rows = document.createElement("div");
           box.style.cssText = "height: 400px; overflow-y: auto; position: relative"; box.append(rows);
           const opened = [], list = new FrameList(box, rows, (index) => opened.push(index));
@@ -127,11 +127,15 @@ def of_ten_thousand_frames_only_those_in_view_are_drawn(browser):
           const nodes = rows.children.length, there = rows.textContent.includes("f9000");
           list.step(1); list.keep("refused", "f99"); const few = list.shown.length; list.keep("", "");
           box.remove();
-          return { nodes, there, opened, few };
+          const asked = (state, done) => isToDo(["f", state, null, 20, null, done, null]);
+          const todo = [...states, "unknown"].map((state) => [asked(state, false), asked(state, true)]);
+          return { nodes, there, opened, few, todo };
         });
         """
     )
     assert told["nodes"] < 40 and told["there"] and told["opened"] == [9001]
+    asked = "a refused frame is to do, a doubtful or unseen one until somebody annotates it"
+    assert told["todo"] == [[True, True], [True, False], [False, False], [True, False]], asked
     assert told["few"] == sum(f"f{k}".startswith("f99") or "f99" in f"f{k}" for k in range(0, 10_000, 3))
 
 
@@ -164,10 +168,30 @@ def test_an_import_tells_what_it_took_and_what_it_left_out(browser, serve, folde
     assert "goose" in browser.run("return document.getElementById('trouble-text').textContent")
     browser.wait("document.getElementById('saved').textContent === '1 taken in, 0 unknown'")
     browser.run("document.getElementById('close-trouble').click()")
+    browser.wait("!document.getElementById('undo').disabled")
+    browser.run("document.getElementById('undo').click()")
+    browser.wait(SAVED)
+    assert {marking["source"] for marking in stored(tmp_path, "good")["markings"]} == {"measured"}
     choose({"goose": ends})
     assert "did not work" in browser.run("return document.getElementById('trouble-title').textContent")
     browser.run("document.getElementById('close-trouble').click()")
     browser.console()  # the refused request is named there
+
+
+def test_an_export_tells_what_it_left_out(browser, serve, folder, tmp_path):
+    (tmp_path / "open.json").write_text('{"annotation_version": 1, "id": "open", "wi')
+    go_to(browser, serve(folder, "--out", tmp_path)[1], "good")
+    note(browser, "mine")
+    browser.wait(SAVED)
+    browser.run(
+        "window.clicked = []; HTMLAnchorElement.prototype.click = function () { window.clicked.push(this.download); };"
+        "document.getElementById('export').click()"
+    )
+    browser.wait("document.getElementById('trouble').open")
+    assert "open.json" in browser.run("return document.getElementById('trouble-text').textContent")
+    assert browser.run("return window.clicked") == ["coco.json"]
+    browser.run("document.getElementById('close-trouble').click()")
+    assert "unusable annotation" in browser.run("return document.getElementById('rows').textContent")
 
 
 def test_the_way_back_leads_to_what_was_measured(browser, serve, folder, tmp_path):
@@ -217,6 +241,90 @@ def test_what_is_typed_is_taken_back_on_the_page_too(browser, serve, folder, tmp
     for _ in range(4):
         press("undo")
     browser.wait(SAVED)
+
+
+def note(browser: Browser, text: str, then: str = "") -> None:
+    """Write a note and leave it, and do something else before it can be saved."""
+    browser.run(
+        f"const n = document.getElementById('note'); n.value = {json.dumps(text)};"
+        f"n.dispatchEvent(new Event('change')); {then}"
+    )
+
+
+GO_ON = "document.getElementById('next').click();"
+TITLE = "document.getElementById('title').textContent"
+
+
+def test_a_frame_that_was_changed_elsewhere_is_not_left_before_one_of_both_is_chosen(browser, serve, folder, tmp_path):
+    go_to(browser, serve(folder, "--out", tmp_path)[1], "good")
+    note(browser, "mine")
+    browser.wait(SAVED)
+    theirs = stored(tmp_path, "good") | {"revision": 7, "note": "theirs"}
+    (tmp_path / "good.json").write_text(json.dumps(theirs))
+    note(browser, "mine again", GO_ON)
+    browser.wait("document.getElementById('conflict').open")
+    assert browser.run(f"return {TITLE}") == "good"
+    browser.run("document.getElementById('conflict').close();" + GO_ON)  # as Escape does, which chooses nothing
+    browser.wait("document.getElementById('conflict').open")
+    browser.run("document.getElementById('keep-mine').click()")
+    browser.wait(SAVED)
+    assert (stored(tmp_path, "good")["note"], stored(tmp_path, "good")["revision"]) == ("mine again", 8)
+    assert [path.name for path in tmp_path.glob("*.json")] == ["good.json"]
+    browser.console()  # the browser itself reports the answer 409
+
+
+def test_a_change_that_cannot_be_saved_is_kept_until_it_can_or_is_given_up(browser, serve, folder, tmp_path):
+    out = tmp_path / "out"
+    go_to(browser, serve(folder, "--out", out)[1], "good")
+    out.write_text("in the way")
+    note(browser, "mine", GO_ON)
+    browser.wait("document.getElementById('trouble').open && !document.getElementById('drop').hidden")
+    assert browser.run(f"return {TITLE}") == "good"
+    browser.run("document.getElementById('close-trouble').click()")
+    browser.run("window.asked = !window.dispatchEvent(new Event('beforeunload', { cancelable: true }))")
+    assert browser.run("return window.asked"), "closing the window asks first"
+    out.unlink()
+    browser.run(GO_ON)
+    browser.wait(f"{TITLE} !== 'good' && {READY}")
+    assert stored(out, "good")["note"] == "mine"
+    name = browser.run(f"return {TITLE}")
+    (out / f"{name}.json").mkdir()
+    note(browser, "given up", "document.getElementById('previous').click();")
+    browser.wait("document.getElementById('trouble').open && !document.getElementById('drop').hidden")
+    browser.run("document.getElementById('drop').click()")
+    browser.wait(f"{TITLE} !== '{name}' && {READY}")
+    assert stored(out, "good")["note"] == "mine"
+    browser.console()
+
+
+def test_what_is_typed_is_saved_without_leaving_the_input(browser, serve, folder, tmp_path):
+    go_to(browser, serve(folder, "--out", tmp_path)[1], "good")
+    browser.run("document.getElementById('note').focus()")
+    browser.press(*"wet")
+    browser.wait(SAVED)
+    assert stored(tmp_path, "good")["note"] == "wet"
+    browser.press("!")
+    browser.run("document.querySelector('#frame-1').click()")  # a click of a script takes the cursor nowhere
+    browser.wait(f"{TITLE} !== 'good' && {READY}")
+    assert stored(tmp_path, "good")["note"] == "wet!"
+
+
+def test_a_frame_that_cannot_be_shown_hides_none_of_the_others(browser, serve, folder, tmp_path):
+    (tmp_path / "pictures").mkdir()
+    for name in ("good", "keys"):
+        (tmp_path / "pictures" / f"{name}.png").write_bytes((folder / f"{name}.png").read_bytes())
+    (tmp_path / "pictures" / "half.png").write_bytes((folder / "good.png").read_bytes()[:2000])
+    go_to(browser, serve(tmp_path / "pictures", "--out", tmp_path / "out")[1], "good")
+    browser.run("document.activeElement.blur()")
+    browser.press("j")
+    browser.wait("document.getElementById('trouble').open")
+    assert "half.png" in browser.run("return document.getElementById('trouble-text').textContent")
+    assert browser.run(f"return [{TITLE}, {VERDICT}]") == ["half", "cannot be shown"]
+    browser.run("document.getElementById('close-trouble').click()")
+    browser.press("j")
+    browser.wait(f"{TITLE} === 'keys' && {READY}")
+    assert browser.run("return document.querySelector('.side').inert") is False
+    browser.console()
 
 
 def test_two_clicks_calibrate_a_refused_frame_and_undo_takes_them_back(browser, server, out, wide_camera):

@@ -6,15 +6,17 @@ import cv2
 import numpy as np
 import pytest
 
+from circlecal.api.calls import calibrate_annotation
 from circlecal.config import Config, load_config
 from circlecal.field import load_field
 from circlecal.field.view import FieldView
-from circlecal.formats.annotation import Annotation
-from circlecal.geometry.camera import camera_from_soccernet
+from circlecal.formats.annotation import AnnotatedMarking, Annotation
+from circlecal.geometry.camera import Camera, camera_from_soccernet, image_center
 from circlecal.geometry.surface import Surface
 from circlecal.pictures.files import PictureFile, read_image
 from circlecal.pipeline import field_of
-from circlecal.workbench.answers import answer, continues, describe, distance_to_polyline
+from circlecal.refusals import REFUSALS
+from circlecal.workbench.answers import ADVICE, TAKE_AWAY, answer, continues, describe, distance_to_polyline
 from circlecal.workbench.interpretations import Interpretation, _lines_beside, _Search, interpret, name_marking
 from circlecal.workbench.measuring import (
     begin_annotation,
@@ -240,3 +242,68 @@ def test_lines_that_a_curve_is_seen_with():
         assert f"big_rect_{side}_main" in beside and "side_line_top" in beside
         assert not [name for name in beside if {"left": "right", "right": "left"}[side] in name]
     assert "halfway_line" in _lines_beside(template.circles[0], template)
+
+
+def test_the_advice_for_a_wrong_click_is_to_take_it_away(begun):
+    line = next(k for k, m in enumerate(begun.markings) if m.kind == "line" and len(m.points_px) > 100)
+    right = name_marking(begun, line, "side_line_top")
+    ends = [[300.0, 500.0], [860.0, 380.0]]
+    wrong = AnnotatedMarking(name="halfway_line", kind="line", points_px=ends, sigma_px=[0.5, 0.5])
+    told = answer(right.model_copy(update={"markings": [*right.markings, wrong]}), Config(), nameless=False)
+    shown = describe(told)
+    assert shown["status"] == "refused" and any(marking["contradicts"] for marking in shown["markings"])
+    assert shown["missing"] == TAKE_AWAY
+
+
+def test_no_advice_of_the_page_needs_the_command_line():
+    codes = {"residual_too_large", "implausible_camera", "circle_unconfirmed", "few_markings", "markings_missing"}
+    assert codes <= ADVICE.keys() and ADVICE.keys() - {"too_few_observations"} <= REFUSALS.keys()
+    assert not any("--" in advice for advice in ADVICE.values())
+
+
+def test_what_the_whole_picture_told_counts_in_its_annotation_too(open_frame):
+    """From which circle the camera was found, and that no marking is left out for being painted a little off."""
+    found = open_frame.found
+    told = replace(found, circle_name="penalty_arc_left", attempt=replace(found.attempt, is_placed=True))
+    picture = PictureFile("open", Path("open.png"), "open")
+    begun = begin_annotation(replace(open_frame, found=told), Config(), picture)
+    assert (begun.circle, begun.placed) == ("penalty_arc_left", True)
+    assert begin_annotation(open_frame, Config(), picture).circle is None
+
+
+def test_an_annotation_of_a_rink_is_calibrated_from_the_circle_that_the_picture_was():
+    field, config = load_field("ice-hockey-nhl"), load_config(None, {"field.template": "ice-hockey-nhl"})
+    camera = Camera(
+        width=1280,
+        height=720,
+        focal_px=np.array([1600.0, 1600.0]),
+        principal_point_px=image_center(1280, 720),
+        angles_rad=np.radians([28.0, 72.0, 0.0]),
+        position_m=np.array([1.6, 32.0, -9.8]),
+        kappa=np.zeros(2),
+    )
+    angle = np.linspace(0.0, 2.0 * np.pi, 120, endpoint=False)
+    markings = []
+    for name in ("faceoff_right_top", "faceoff_right_bottom"):
+        ring = field.curve_points(field.circle_by_name[name], "center", angle)
+        markings.append(marked(camera, name, "curve", ring))
+    for name in ("goal_line_right", "blue_line_right"):
+        markings.append(marked(camera, name, "line", field.polylines(0.2)[name]))
+    told = Annotation(id="rink", width=1280, height=720, field="ice-hockey-nhl", markings=markings)
+    alone = calibrate_annotation(told, config)
+    placed = calibrate_annotation(told.model_copy(update={"placed": True, "circle": "faceoff_right_top"}), config)
+    assert (alone.circle_name, placed.circle_name) == ("centre_circle", "faceoff_right_top")
+    assert (alone.attempt.is_placed, placed.attempt.is_placed) == (False, True)
+    assert placed.attempt.camera.max_sigma_px < alone.attempt.camera.max_sigma_px
+    left_out = [m.model_copy(update={"used": m.name != "faceoff_right_top"}) for m in told.markings]
+    other = told.model_copy(update={"circle": "faceoff_right_top", "markings": left_out})
+    assert calibrate_annotation(other, config).circle_name == "centre_circle", "what is taken away counts no more"
+
+
+def marked(camera: Camera, name: str, kind: str, places: np.ndarray) -> AnnotatedMarking:
+    """A measured marking, as far as the picture shows it."""
+    points = camera.project(places)
+    points = points[((points > 5) & (points < (camera.width - 5, camera.height - 5))).all(axis=1)]
+    return AnnotatedMarking(
+        name=name, kind=kind, points_px=points.tolist(), sigma_px=[0.08] * len(points), source="measured"
+    )

@@ -1,4 +1,5 @@
 import json
+import os
 import urllib.error
 import urllib.request
 from pathlib import Path
@@ -6,8 +7,10 @@ from urllib.parse import urlsplit
 
 import pytest
 
+from circlecal.errors import InputError
 from circlecal.formats.annotation import parse_annotation
 from circlecal.formats.registry import read_annotations
+from circlecal.workbench.session import Session
 
 
 class Client:
@@ -178,6 +181,23 @@ def test_a_file_without_a_size_is_read_in_that_of_its_frame(client, out):
     assert imported.points_px == [[0.0, 269.5], [959.0, 134.75]]
 
 
+def test_a_picture_whose_name_is_no_text_is_annotated_like_any_other(serve, folder, run_circlecal, tmp_path):
+    name, out = os.fsdecode(b"caf\xe9"), tmp_path / "out"
+    picture = tmp_path / f"{name}.png"
+    picture.write_bytes((folder / "good.png").read_bytes())
+    client = Client(serve(picture, "--out", out)[1])
+    annotation = client.json("frames/0.json")["annotation"]
+    assert annotation["source"] == str(picture)
+    told = client.json("frames/0.json", "PUT", {"base": 0, "annotation": annotation | {"note": "mine"}})
+    assert told["annotation"]["source"] == str(picture)
+    assert client.json("frames/0.json")["annotation"]["note"] == "mine"
+    for kind in ("coco", "cvat", "labelme"):
+        assert client.ask(f"export/{kind}")[0] == 200
+    command = ("calibrate", picture, "--annotations", out, "--out", tmp_path / "result", "--json", "--no-overlay")
+    outcome = run_circlecal(*command)
+    assert outcome.code == 0 and json.loads(outcome.out)["annotation"]
+
+
 def test_a_frame_to_begin_with_must_be_there(folder, run_circlecal):
     outcome = run_circlecal("annotate", folder / "good.png", "--frame", "nobody", "--no-browser")
     assert (outcome.code, outcome.err.count("\n")) == (2, 1)
@@ -206,6 +226,54 @@ def test_a_run_whose_pictures_are_gone_and_an_address_are_one_line(folder, run_c
     assert "http://127.0.0.1:1/picture.jpg: is a URL" in outcome.err
 
 
+@pytest.fixture
+def opened(monkeypatch) -> list[Session]:
+    """Sessions that would have been served."""
+    found: list[Session] = []
+    monkeypatch.setattr("circlecal.workbench.server.serve", lambda session, port, tell: found.append(session))
+    return found
+
+
+def test_a_run_is_opened_on_its_own_field_with_its_own_sizes(folder, run_circlecal, in_this_process, tmp_path, opened):
+    run, other = tmp_path / "run", tmp_path / "other"
+    command = ("batch", folder / "good.png", "--no-overlay", "--workers", 1, "-q", "--out")
+    assert run_circlecal(*command, run, "--set", "field.sizes.length=104").code == 0
+    outcome = run_circlecal("annotate", run, "--no-browser")
+    assert outcome.code == 0 and opened[-1].template.length_m == 104 and "other options" not in outcome.err
+    outcome = run_circlecal("annotate", run, "--no-browser", "--field", "futsal")
+    assert (outcome.code, outcome.err.count("\n")) == (2, 1)
+    assert f"{run}: is of the field soccer, not of futsal; name its field with --field, or none" in outcome.err
+    setting = ("--set", "verdict.max_sigma_px=63")
+    assert run_circlecal(*command, other, *setting).code == 0
+    assert "other options than these" in run_circlecal("annotate", other, "--no-browser").err
+    assert "other options" not in run_circlecal("annotate", other, "--no-browser", *setting).err
+    results = other / "results.jsonl"
+    results.write_text(results.read_text().replace('"template":"soccer"', '"template":"futsal"'))
+    assert run_circlecal("annotate", other, "--no-browser", "-q").code == 0
+    assert opened[-1].template.name == "futsal"
+    results.write_text(results.read_text().replace('"template":"futsal"', '"template":"somebody\'s"'))
+    outcome = run_circlecal("annotate", other, "--no-browser")
+    assert outcome.code == 2 and "give the file of its field with --field" in outcome.err
+    assert run_circlecal("annotate", run, folder / "good.png", "--no-browser", "-q").code == 0
+    assert len(opened[-1].frames) == 1, "a frame that is given twice is listed once"
+    outcome = run_circlecal("annotate", run, other, "--no-browser")
+    assert outcome.code == 2 and "give one run at a time, or --out FOLDER here" in outcome.err
+
+
+def test_two_pictures_of_one_id_and_a_file_as_folder_are_refused_in_one_line(
+    folder, run_circlecal, in_this_process, tmp_path
+):
+    run, picture = tmp_path / "run", tmp_path / "good.png"
+    picture.write_bytes((folder / "open.png").read_bytes())
+    assert run_circlecal("batch", folder / "good.png", "--no-overlay", "--workers", 1, "-q", "--out", run).code == 0
+    outcome = run_circlecal("annotate", run, picture, "--no-browser")
+    assert (outcome.code, outcome.err.count("\n")) == (2, 1)
+    assert f"good: is the id of {folder / 'good.png'} and of {picture}" in outcome.err
+    outcome = run_circlecal("annotate", picture, "--out", picture, "--no-browser")
+    assert (outcome.code, outcome.err.count("\n")) == (2, 1)
+    assert "good.png: is a file, not a folder; choose another --out" in outcome.err
+
+
 def test_the_report_of_a_run_is_told_of_the_workbench_while_it_runs(
     folder, run_circlecal, in_this_process, tmp_path, monkeypatch
 ):
@@ -224,3 +292,19 @@ def test_the_report_of_a_run_is_told_of_the_workbench_while_it_runs(
     assert outcome.out == "http://127.0.0.1:4711/t0ken/#good\n"
     assert seen == [('circlecalAnnotate("http://127.0.0.1:4711/t0ken/");\n', 0o600)]
     assert told.read_text() == "circlecalAnnotate(null);\n"
+
+    def serve_beside(session, port, on_ready):
+        on_ready("http://127.0.0.1:4712/other/")
+        told.write_text('circlecalAnnotate("http://127.0.0.1:4713/later/");\n')
+
+    monkeypatch.setattr("circlecal.workbench.server.serve", serve_beside)
+    assert run_circlecal("annotate", out, "--no-browser", "-q").code == 0
+    assert "later" in told.read_text(), "a workbench that goes on keeps its link"
+
+    def refuse(path, content):
+        raise InputError(f"{path}: cannot be written: Read-only file system")
+
+    monkeypatch.setattr("circlecal.report.pages.write_file", refuse)
+    outcome = run_circlecal("annotate", out, "--no-browser")
+    assert outcome.code == 0 and "4712" in outcome.out
+    assert "Read-only file system; the report has no link to this page" in " ".join(outcome.err.split())

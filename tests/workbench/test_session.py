@@ -1,14 +1,21 @@
 """What one server holds: a search for names ends as soon as something else is asked."""
 
+import json
+import threading
+import zipfile
+from io import BytesIO
+from pathlib import Path
+
 import pytest
 
 from circlecal.config import Config
 from circlecal.errors import InputError
+from circlecal.formats.annotation import AnnotatedMarking, Annotation, find_annotation
 from circlecal.pictures.video import Sampling
 from circlecal.workbench import session as module
 from circlecal.workbench.frames import list_frames, take_part
 from circlecal.workbench.session import Session
-from circlecal.workbench.store import AnnotationStore
+from circlecal.workbench.store import LOCK_NAME, AnnotationStore, NewerError
 
 
 def test_parts_hold_every_frame_once(folder):
@@ -51,3 +58,98 @@ def test_few_huge_pictures_are_held(folder, tmp_path, monkeypatch):
     monkeypatch.setattr(module, "HELD_PIXELS", 2 * 960 * 540)
     first, *_, last = [session.open(k) for k in range(3)]
     assert session.open(2) is last and session.open(0) is not first
+
+
+def begin(out: Path, *inputs: Path) -> Session:
+    frames = list_frames([str(path) for path in inputs], Sampling.parse("1s"))
+    return Session(frames, AnnotationStore(out), Config())
+
+
+def number_of(session: Session, name: str) -> int:
+    return next(k for k, frame in enumerate(session.frames) if frame.file.id == name)
+
+
+def annotate(out: Path, name: str, source: Path | None = None) -> Annotation:
+    """A saved annotation of a picture of 960 x 540 with one clicked line."""
+    ends = AnnotatedMarking(name="side_line_top", kind="line", points_px=[[9, 200], [900, 220]], sigma_px=[0.5, 0.5])
+    told = Annotation(id=name, source=source and str(source), width=960, height=540, markings=[ends])
+    return AnnotationStore(out).save(told, 0)
+
+
+def test_an_annotation_of_another_picture_of_the_same_name_is_not_taken(folder, tmp_path, caplog):
+    first, second, out = tmp_path / "a" / "x.png", tmp_path / "b" / "x.png", tmp_path / "out"
+    for path, name in ((first, "good"), (second, "open")):
+        path.parent.mkdir()
+        path.write_bytes((folder / f"{name}.png").read_bytes())
+    annotate(out, "x", first)
+    session = begin(out, second)
+    row = session.listing()[0]
+    assert (row[1], row[2]) == ("refused", "unusable_annotation")
+    with pytest.raises(InputError, match=rf"x\.json: is of {first}, not of {second}; give another --out"):
+        session.show(0)
+    assert find_annotation(out, "x", second) is None
+    assert f"is of {first}, not of {second}, and is not used" in caplog.text
+    assert find_annotation(out, "x", first) is not None
+    second.write_bytes(first.read_bytes())  # a copy is the same picture
+    assert find_annotation(out, "x", second) is not None
+    assert begin(out, second).listing()[0][5]
+
+
+def test_a_damaged_annotation_is_in_the_list_and_the_others_are_exported(folder, tmp_path):
+    for name in ("good", "open"):
+        annotate(tmp_path, name)
+    damaged = tmp_path / "open.json"
+    content = damaged.read_bytes()
+    damaged.write_bytes(content[:200])
+    session = begin(tmp_path, folder)
+    index = number_of(session, "open")
+    assert session.listing()[index][1:3] == ["refused", "unusable_annotation"]
+    with pytest.raises(InputError, match=r"open\.json: .*; mend the file or move it away"):
+        session.show(index)
+    found = session.export("soccernet")
+    with zipfile.ZipFile(BytesIO(found.content)) as archive:
+        assert [name for name in archive.namelist() if "open" in name] == []
+        assert len(archive.namelist()) == 1
+    assert len(found.left_out) == 1 and "open.json" in found.left_out[0]
+    damaged.write_bytes(content)
+    assert session.show(index)["row"][2] != "unusable_annotation"
+
+
+def test_what_was_clicked_stays_when_an_import_brings_the_same_marking(folder, tmp_path):
+    annotate(tmp_path, "good")
+    session = begin(tmp_path, folder / "good.png")
+    line = {"Side line top": [{"x": 0.0, "y": 0.5}, {"x": 1.0, "y": 0.25}]}
+    before = session.annotation(0)
+    session.store.save(before.model_copy(update={"flag": "no_field"}), before.revision)
+    told = session.take_in("good.json", json.dumps(line).encode())
+    assert told["warnings"] == [
+        "good: side line top: what was clicked here stays in the list, not used",
+        "good: stays flagged no field; take the flag away to use it",
+    ]
+    clicked, imported = session.annotation(0).markings
+    assert (clicked.points_px, clicked.used) == ([[9, 200], [900, 220]], False)
+    assert (imported.source, imported.used) == ("imported", True)
+    session.take_in("good.json", json.dumps(line).encode())
+    assert [marking.used for marking in session.annotation(0).markings] == [False, True]
+
+
+def test_two_servers_on_one_folder_never_save_over_each_other(tmp_path):
+    annotation = annotate(tmp_path, "x")
+    stores = [AnnotationStore(tmp_path) for _ in range(2)]
+    for base in range(1, 41):
+        outcomes = []
+
+        def save(store: AnnotationStore, base: int = base, outcomes: list[str] = outcomes) -> None:
+            try:
+                store.save(annotation, base)
+                outcomes.append("saved")
+            except NewerError:
+                outcomes.append("newer")
+
+        threads = [threading.Thread(target=save, args=(store,)) for store in stores]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert sorted(outcomes) == ["newer", "saved"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [LOCK_NAME, "x.json"]

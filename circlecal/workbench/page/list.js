@@ -3,8 +3,8 @@ const ROW = 40;
 const make = (tag, properties, ...inside) => { const node = Object.assign(document.createElement(tag), properties); node.append(...inside); return node; };
 const clock = (s) => `${Math.floor(s / 60)}:${String(Math.floor(s % 60)).padStart(2, "0")}`;
 
-/** Whether somebody should look at a frame: refused or doubtful, or not calibrated yet, and nothing was said of it. */
-export const isToDo = ([, state, , , , annotated, flag]) => !flag && (state === "refused" || state === "doubtful" || (state === "unknown" && !annotated));
+/** Whether somebody should look at a frame: refused, or doubtful or not calibrated yet and annotated by nobody. */
+export const isToDo = ([, state, , , , annotated, flag]) => !flag && (state === "refused" || (state !== "calibrated" && !annotated));
 
 export class FrameList {
   constructor(element, rows, open) {

@@ -1,18 +1,19 @@
 // What the server is asked; every failure becomes an Error with one clear line.
-const ask = async (address, options = {}) => {
+const fetched = async (address, options = {}) => {
   let answer;
   try {
     answer = await fetch(address, { cache: "no-store", ...options });
   } catch {
     throw new Error("The server does not answer: start circlecal annotate again; everything up to the last change is saved.");
   }
+  if (answer.ok) return answer;
   const content = answer.headers.get("content-type")?.includes("json") ? await answer.json() : null;
-  if (answer.ok) return content;
   const failure = new Error(content?.error || `the server answered ${answer.status}`);
   failure.status = answer.status;
   failure.current = content?.current;
   throw failure;
 };
+const ask = async (address, options) => (await fetched(address, options)).json();
 const send = (address, method, body) => ask(address, { method, body: JSON.stringify(body), headers: { "Content-Type": "application/json" } });
 
 export const listing = () => ask("frames.json");
@@ -21,4 +22,9 @@ export const save = (index, base, annotation) => send(`frames/${index}.json`, "P
 export const mark = (index, mode, points, name) => send(`frames/${index}/mark`, "POST", { mode, points, name });
 export const interpretations = (index) => ask(`frames/${index}/interpretations`);
 export const measured = (index) => ask(`frames/${index}/measured`);
+/** Name and content of a file with all annotations, and what could not be put into it, a line each. */
+export const exported = async (format) => {
+  const answer = await fetched(`export/${format}`), told = (name) => answer.headers.get(name);
+  return { name: told("content-disposition").match(/filename="(.*)"/)[1], content: await answer.blob(), leftOut: JSON.parse(told("circlecal-left-out")) };
+};
 export const takeIn = (file) => ask(`import?name=${encodeURIComponent(file.name)}`, { method: "POST", body: file });

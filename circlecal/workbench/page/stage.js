@@ -68,6 +68,14 @@ export class Stage {
     this.fit();
   }
 
+  clear() {
+    this.picture.removeAttribute("src");
+    this.picture.alt = "";
+    this.layers.replaceChildren();
+    this.heat.hidden = this.magnifier.hidden = true;
+    this.cross = null;
+  }
+
   place() {
     this.scene.style.transform = `translate(${this.left}px, ${this.top}px) scale(${this.zoom})`;
     this.scene.style.setProperty("--unit", 1 / this.zoom);

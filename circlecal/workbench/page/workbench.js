@@ -11,13 +11,14 @@ const SETTLE_MS = 350, MOST_LINES = 12;
 const PRIORS = [["field.sizes.length", "field length, m", 105], ["field.sizes.width", "field width, m", 68], ["camera.crown_m", "crown at the circle, m", 0.05], ["camera.k1_mean", "lens, kappa", 0.03]];
 
 let field = null, map = null, list = null, index = -1, annotation = null, answer = null;
-let chosen = -1, active = null, offers = [], preview = null, unsaved = false, saving = null, settling = 0, opening = 0, searches = 0;
+let chosen = -1, active = null, offers = [], preview = null, unsaved = false, saving = null, settling = 0, typing = 0, opening = 0, searches = 0;
 const past = [], future = [];
 
 const copy = (value) => structuredClone(value);
 const content = () => copy({ markings: annotation.markings, note: annotation.note, flag: annotation.flag, settings: annotation.settings });
 const kindOf = (name) => field.markings.find((m) => m.name === name)?.kind || "point";
 const tellAll = (title, text) => { by("trouble-title").textContent = title; by("trouble-text").textContent = text; if (!by("trouble").open) by("trouble").showModal(); };
+const tellLines = (title, lines) => { if (lines.length) tellAll(title, [...lines.slice(0, MOST_LINES), ...(lines.length > MOST_LINES ? [`and ${lines.length - MOST_LINES} more`] : [])].join("\n")); };
 const trouble = (error) => tellAll("That did not work", error.message);
 const guarded = (act) => async (...given) => { try { return await act(...given); } catch (error) { trouble(error); return undefined; } };
 
@@ -48,7 +49,7 @@ const stored = () => {
 const confirm = async () => {  // what is calibrated, as it is: saved, and on to the next frame
   if (answer.status !== "calibrated") return;
   await stored();
-  if (!by("conflict").open && !by("trouble").open) list.step(1, isToDo) || list.step(1);
+  if (!unsaved) list.step(1, isToDo) || list.step(1);
 };
 const undo = (from, to) => {
   if (!from.length) return;
@@ -59,39 +60,49 @@ const undo = (from, to) => {
   stored();
 };
 
-const push = guarded(async () => {
-  if (saving) return;  // the latest state follows when the one on its way has arrived
+// Once it has ended, everything is saved, or a dialog says why not and the change stays unsaved on the page.
+const push = () => saving ??= send().finally(() => { saving = null; });
+const send = guarded(async () => {
+  if (!unsaved) return;
   clearTimeout(settling);
   try {
     while (unsaved) {
       unsaved = false;
-      const sent = content(), at = index;
-      saving = net.save(at, annotation.revision, { ...annotation, ...sent });
+      const sent = content();
       by("saved").textContent = "saving …";
-      const started = performance.now(), told = await saving;
-      if (at !== index) return;
+      const started = performance.now(), told = await net.save(index, annotation.revision, { ...annotation, ...sent });
       annotation.revision = told.annotation.revision;
       annotation.touched = true;
       document.body.dataset.milliseconds = String(Math.round(performance.now() - started));
       by("saved").textContent = "saved";
-      list.frames[at] = told.row;
+      list.frames[index] = told.row;
       if (!unsaved) { answer = told.answer; draw(); listed(); }
     }
     settling = setTimeout(settle, SETTLE_MS);
   } catch (error) {
+    unsaved = true;
     by("saved").textContent = "not saved";
     if (error.status === 409) { conflict(error.current); return; }
-    unsaved = true;
     throw error;
-  } finally {
-    saving = null;
   }
 });
+// What is typed counts without leaving the input.
+const takeTyped = () => {
+  clearTimeout(typing);
+  if (document.activeElement?.matches("#note, #priors input")) document.activeElement.blur();
+  keepNote();
+};
+const keepNote = () => {
+  clearTimeout(typing);
+  if (annotation && by("note").value !== annotation.note) change((a) => { a.note = by("note").value; });
+};
+/** Whether nothing of the frame that is shown would be lost by leaving it. */
+const isSaved = async () => { takeTyped(); await push(); return !unsaved; };
 const settle = guarded(async () => {
   const at = index, revision = annotation.revision;
   if (annotation.markings.some((m) => m.used && m.kind === "line" && !m.name)) {
     const told = await net.show(at);
-    if (at !== index || unsaved || annotation.revision !== revision) return;
+    if (at !== index || unsaved || annotation?.revision !== revision) return;
     answer = told.answer;
     list.frames[at] = told.row;
     draw(); listed();
@@ -104,7 +115,7 @@ const offer = async () => {
   let found;
   searches += 1; tell();
   try { found = await net.interpretations(at); } finally { searches -= 1; tell(); }
-  if (at !== index || annotation.revision !== revision || unsaved) return;
+  if (at !== index || annotation?.revision !== revision || unsaved) return;
   offers = found;
   tell();
 };
@@ -117,19 +128,24 @@ const conflict = (current) => {
 
 // --- frames
 
+// The frame before stays the one that is changed and saved until the wanted one is there, or it cannot be left.
 const open = guarded(async (wanted, said = "") => {
-  if (saving) await saving.catch(() => {});
   const turn = ++opening;
-  clearTimeout(settling);
-  index = wanted; chosen = -1; active = null; offers = []; preview = null; past.length = future.length = 0; unsaved = false;
-  list.select(index);
+  list.select(wanted);
+  if (!(await isSaved())) { stay(wanted, said); return; }
+  if (turn !== opening) return;
   by("busy").hidden = false;
   by("frames").classList.remove("open");
   by("show-frames").setAttribute("aria-expanded", "false");
-  let told;
-  try { told = await net.show(wanted); } finally { if (turn === opening) by("busy").hidden = true; }
+  let told = null, failure = null;
+  try { told = await net.show(wanted); } catch (error) { failure = error; } finally { if (turn === opening) by("busy").hidden = true; }
   if (turn !== opening) return;
-  annotation = told.annotation; answer = told.answer;
+  if (!(await isSaved())) { stay(wanted, said); return; }
+  clearTimeout(settling);
+  index = wanted; chosen = -1; active = null; offers = []; preview = null; past.length = future.length = 0;
+  annotation = told?.annotation ?? null; answer = told?.answer ?? null;
+  document.querySelector(".side").inert = document.querySelector(".middle").inert = !annotation;
+  if (failure) { clear(); throw failure; }
   list.frames[wanted] = told.row;
   by("title").textContent = annotation.id;
   document.title = `${annotation.id} – circlecal workbench`;
@@ -141,6 +157,23 @@ const open = guarded(async (wanted, said = "") => {
   history.replaceState(null, "", `#${encodeURIComponent(annotation.id)}`);
   await offer();
 });
+const stay = (wanted, said) => {
+  list.select(index);
+  by("busy").hidden = true;
+  if (by("conflict").open) return;
+  by("drop").hidden = false;
+  by("drop").onclick = () => { by("trouble").close(); unsaved = false; open(wanted, said); };
+};
+const clear = () => {  // a frame that cannot be shown
+  by("title").textContent = list.frames[index][0];
+  by("verdict").className = "chip no";
+  by("verdict").textContent = "cannot be shown";
+  for (const id of ["saved", "missing", "offers", "markings", "facts", "priors"]) by(id).replaceChildren();
+  by("note").value = by("flag").value = "";
+  by("undo").disabled = by("redo").disabled = true;
+  stage.clear();
+  listed();
+};
 const listed = () => {
   list.keep(by("kind").value, by("search").value);
   list.select(index);
@@ -294,17 +327,20 @@ const fill = () => {
 
 const step = (event) => ({ ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] })[event.key];
 const onKey = (event) => {
-  if (document.querySelector("dialog[open]") || !annotation) return;
+  if (document.querySelector("dialog[open]")) return;
   if (event.target.matches("input:not([type=checkbox]):not([type=file]), select, textarea")) { if (event.key === "Escape") event.target.blur(); return; }
   const command = event.ctrlKey || event.metaKey;
-  if (command) {
+  if (command && annotation) {
     if (event.key.toLowerCase() === "z" && !event.shiftKey) undo(past, future);
     else if (event.key.toLowerCase() === "y" || event.key.toLowerCase() === "z") undo(future, past);
     else return;
     event.preventDefault();
     return;
   }
-  if (event.altKey) return;
+  if (command || event.altKey) return;
+  const go = { n: nextToDo, j: () => list.step(1), k: () => list.step(-1) }[event.key];
+  if (go) { go(); event.preventDefault(); return; }
+  if (!annotation) return;
   const onStage = document.activeElement === by("stage") || document.activeElement === document.body;
   const arrow = step(event), marking = annotation.markings[chosen];
   const own = field.markings.find((m) => m.key === event.key);
@@ -320,8 +356,6 @@ const onKey = (event) => {
   else if (event.key === "a") accept();
   else if (event.key === "x" || event.key === "Delete" || event.key === "Backspace") { if (marking) { const k = chosen; chosen = -1; named(k, null); } }
   else if (event.key === "y") guarded(confirm)();
-  else if (event.key === "n") nextToDo();
-  else if (event.key === "j" || event.key === "k") list.step(event.key === "j" ? 1 : -1);
   else if (event.key === "v") tick("show-template");
   else if (event.key === "m") tick("show-heat");
   else if (event.key === "g") tick("show-magnifier");
@@ -377,7 +411,9 @@ by("show-magnifier").addEventListener("change", () => { stage.magnify = by("show
 by("fit").addEventListener("click", () => stage.fit());
 by("larger").addEventListener("click", () => stage.zoomAt(1.4));
 by("smaller").addEventListener("click", () => stage.zoomAt(1 / 1.4));
-by("note").addEventListener("change", () => change((a) => { a.note = by("note").value; }));
+by("note").addEventListener("change", keepNote);
+by("note").addEventListener("input", () => { clearTimeout(typing); typing = setTimeout(keepNote, SETTLE_MS); });
+addEventListener("beforeunload", (event) => { if (annotation) takeTyped(); if (unsaved || saving) event.preventDefault(); });
 by("flag").addEventListener("change", () => change((a) => { a.flag = by("flag").value || null; }));
 by("reset").addEventListener("click", guarded(async () => {
   const at = index, measured = await net.measured(at);
@@ -390,16 +426,24 @@ by("theme").addEventListener("click", () => setTheme(setTheme(null) && document.
 by("help").addEventListener("click", () => by("keys").showModal());
 by("close-keys").addEventListener("click", () => by("keys").close());
 by("close-trouble").addEventListener("click", () => by("trouble").close());
+by("trouble").addEventListener("close", () => { by("drop").hidden = true; });
 by("show-frames").addEventListener("click", () => by("show-frames").setAttribute("aria-expanded", String(by("frames").classList.toggle("open"))));
-by("format").addEventListener("change", () => { by("export").href = `export/${by("format").value}`; });
+by("export").addEventListener("click", guarded(async () => {
+  if (!(await isSaved())) return;
+  const { name, content, leftOut } = await net.exported(by("format").value), address = URL.createObjectURL(content);
+  make("a", { href: address, download: name }).click();
+  setTimeout(() => URL.revokeObjectURL(address), 60000);
+  tellLines("Exported, but for this", leftOut);
+}));
 by("import").addEventListener("change", guarded(async () => {
   const [file] = by("import").files;
-  if (!file) return;
+  if (!file || !(await isSaved())) return;
+  const at = index, before = annotation && content(), revision = annotation?.revision;
   let told;
   try { told = await net.takeIn(file); } finally { by("import").value = ""; }  // so that it can be chosen again
   list.frames = (await net.listing()).frames;
-  const opened = open(index, `${told.taken} taken in, ${told.unknown} unknown`), [shown, more] = [told.warnings.slice(0, MOST_LINES), told.warnings.length - MOST_LINES];
-  if (shown.length) tellAll("Taken in, but for this", [...shown, ...(more > 0 ? [`and ${more} more`] : [])].join("\n"));
-  await opened;
+  tellLines("Taken in, but for this", told.warnings);
+  await open(index, `${told.taken} taken in, ${told.unknown} unknown`);
+  if (before && at === index && annotation?.revision !== revision) { past.push(before); tell(); }
 }));
 start();
