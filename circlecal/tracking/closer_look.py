@@ -34,7 +34,7 @@ from circlecal.tracking.pitch import (
     open_size,
 )
 from circlecal.tracking.seen_paint import MeasuredFrame
-from circlecal.tracking.tripod_fit import count_alike, fit_tripod
+from circlecal.tracking.tripod_fit import TripodFit, count_alike, fit_tripod
 
 WELL_KNOWN_M = 0.02
 """Standard deviation of the pitch's size from which on no further pictures are looked at. Before a penalty area 0.1 m
@@ -105,11 +105,16 @@ def learn_closely(
     The frames are measured twice: a touchline that lies two pixels beside its place is not measured closely at first.
     And those at the end of a gap once more after it is followed, which tells how far they are smeared: in one that was
     measured as if it were sharp the penalty arc lay 0.4 px inside its place, and the pitch came out 0.02 m longer.
+    Frames that show no paint then tell nothing, and where most do so the tripod stays as it was.
     """
     template, _ = field_of(config)
-    members = measure_closely(tripod, members, pictures, template, period_s, HeadPath.of(members))
-    nearer = _fit_closely(tripod, members, [], config, template, drawn, parts_m=None)
-    frames = measure_closely(nearer, members, pictures, template, period_s, HeadPath.of(members))
+    members = _keep_painted(measure_closely(tripod, members, pictures, template, period_s, HeadPath.of(members)))
+    if not members:
+        return tripod
+    fit = _fit_closely(tripod, members, [], config, template, drawn, parts_m=None)
+    nearer = fit.estimate
+    members = _follow_far(members, fit, Place.of(nearer, template))
+    frames = _keep_painted(measure_closely(nearer, members, pictures, template, period_s, HeadPath.of(members)))
     smeared: list[HeadedFrame] = []
     if max(tripod.sigma("length"), tripod.sigma("breadth")) >= WELL_KNOWN_M:
         place, path = Place.of(nearer, template), HeadPath.of(frames)
@@ -120,7 +125,30 @@ def learn_closely(
         again = {f.name: f for f in measure_closely(nearer, at_gaps, pictures, template, period_s, whole)}
         frames = [again.get(frame.name, frame) for frame in frames]
         frames = frames + _look_between(place, path, pictures_at, config, colour, period_s)
-    return _fit_closely(replace(tripod, mean=nearer.mean), frames, smeared, config, template, drawn, parts_m=PART_M)
+    painted = _keep_painted(frames)
+    if 2 * len(painted) <= len(members):
+        return tripod
+    start = replace(tripod, mean=nearer.mean)
+    return _fit_closely(start, painted, smeared, config, template, drawn, parts_m=PART_M).estimate
+
+
+def _keep_painted(frames: Sequence[HeadedFrame]) -> list[HeadedFrame]:
+    """The frames in which paint was measured."""
+    return [frame for frame in frames if len(frame.measured.marking) > 0]
+
+
+def _follow_far(frames: Sequence[HeadedFrame], fit: TripodFit, place: Place) -> list[HeadedFrame]:
+    """The frames, with the heads that a fit has for them where these lie further off than the paint is looked for: a
+    tripod that moved far takes focal lengths along, and all markings.
+    """
+    heads = dict(zip(fit.estimate.used, fit.heads, strict=True))
+    followed = []
+    for frame in frames:
+        head = heads.get(frame.name, frame.head)
+        reach = np.sqrt(np.diag(place.proposal_covariance(frame.head)))
+        is_far = bool((np.abs(head - frame.head) > reach).any())
+        followed.append(replace(frame, head=head) if is_far else frame)
+    return followed
 
 
 def _look_between(
@@ -189,12 +217,12 @@ def _fit_closely(
     drawn: DrawnTemplate,
     *,
     parts_m: float | None,
-) -> TripodEstimate:
-    """The tripod by closely measured frames, without those of a false camera; the width of the paint with the rest
-    where its blur tells it. Whether a line is a false one, and what the models leave, the sharp frames tell. Where the
-    models leave more than noise, a length that is not the usual one is that of the frames which show the middle of the
-    field, some of them with an end, if they tell it. At last a size that is held is told as uncertain as the paint
-    leaves it.
+) -> TripodFit:
+    """The fit of the tripod to closely measured frames, without those of a false camera; the width of the paint with
+    the rest where its blur tells it. Whether a line is a false one, and what the models leave, the sharp frames tell.
+    Where the models leave more than noise, a length that is not the usual one is that of the frames which show the
+    middle of the field, some of them with an end, if they tell it. At last a size that is held is told as uncertain as
+    the paint leaves it.
     """
     unit = tripod.size[0] / 1920.0
     mean, sd = priors_of_frames(config, template, unit, [frame.measured for frame in sharp])
@@ -224,7 +252,7 @@ def _fit_closely(
     if kept and parts_m is not None and (loose_sd > sd).any():
         loose = fit_tripod(kept, best, mean, loose_sd, drawn, None, is_width_free, alike, parts_m=np.inf)
         best = open_size(best, loose.estimate, loose_sd > sd)
-    return replace(best, left_out=tripod.left_out)
+    return replace(fit, estimate=replace(best, left_out=tripod.left_out))
 
 
 def _leave_out_alike(frame: HeadedFrame, before: Sequence[HeadedFrame], after: Sequence[HeadedFrame]) -> HeadedFrame:

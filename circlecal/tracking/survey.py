@@ -264,7 +264,8 @@ def _extend(
                 if seen is None
                 else _look_again(place, picture, seen, path.blur_px(float(name), tripod, period_s))
             )
-            if look is not None and (look.is_confirmed or seen is not None):
+            is_painted = look is not None and len(look.measured.marking) > 0
+            if look is not None and is_painted and (look.is_confirmed or seen is not None):
                 frames.append(HeadedFrame(name, look.fit.head, look.measured))
         mean, sd = priors_of_frames(config, template, unit, [frame.measured for frame in frames])
         is_hipped = config.camera.crown_shape == "hip"

@@ -22,7 +22,7 @@ from circlecal.tracking.head_path import HeadPath
 from circlecal.tracking.looking import Look, LookedAt, Place
 from circlecal.tracking.markings import place_markings, template_curves
 from circlecal.tracking.seen_paint import BESIDE_BIAS_PX, MeasuredFrame
-from circlecal.tracking.tripod_fit import common_priors
+from circlecal.tracking.tripod_fit import TripodFit, common_priors
 from tests.tracking.scenes import HEAD, SIZE, draw, measure_ideal, template, tripod, views_of_a_pitch
 
 CIRCLE_HEAD = np.array([np.log(2200.0), -0.01, 1.38])
@@ -63,6 +63,36 @@ def test_other_ground_beyond_a_line_does_not_draw_its_middle() -> None:
     (near,) = measure_closely(tripod(), [frame], {"0.000": seen}, template(), 0.04, HeadPath.of([frame]))
     assert abs(_far_side_off_px(far, HEAD, "side_line_top")) < 0.1
     assert abs(_far_side_off_px(near.measured, HEAD, "side_line_top")) < 0.07
+
+
+def _leave_nothing(frame: HeadedFrame) -> HeadedFrame:
+    """The frame as if no paint had been measured in it."""
+    measured = frame.measured
+    for marking in np.unique(measured.marking).tolist():
+        measured = measured.leave_out(marking)
+    return replace(frame, measured=measured)
+
+
+def test_a_tripod_stays_as_it_was_where_the_close_look_measures_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    members = [replace(f, name=f"{0.2 * k:.3f}") for k, f in enumerate(views_of_a_pitch(105.0, 68.0))]
+    bare = [_leave_nothing(frame) for frame in members]
+    known, config, drawn = tripod(), load_config(), template_curves(template())
+    for looks in ([bare], [members, bare]):
+        left = iter(looks)
+        monkeypatch.setattr(closer_look, "measure_closely", lambda *_, left=left: next(left))
+        assert learn_closely(known, members, {}, lambda times: iter(()), config, drawn) is known
+
+
+def test_frames_are_measured_where_a_fit_that_moved_far_has_them() -> None:
+    place = Place.of(tripod(), template())
+    members = [
+        HeadedFrame(name, HEAD, measure_ideal(HEAD, np.zeros(2), 0.1, np.random.default_rng(3))) for name in "ab"
+    ]
+    heads = HEAD + np.array([[0.02, 0.0, 0.0], [0.002, 0.0, 0.0]])
+    fit = TripodFit(replace(tripod(), used=("a", "b")), heads, np.zeros(2), np.zeros(2), 0.0)
+    far, near = closer_look._follow_far(members, fit, place)
+    assert np.array_equal(far.head, heads[0])
+    assert near is members[1]
 
 
 def test_smeared_paint_of_a_circle_lies_inside_it() -> None:
