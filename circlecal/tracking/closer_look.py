@@ -105,7 +105,8 @@ def learn_closely(
     The frames are measured twice: a touchline that lies two pixels beside its place is not measured closely at first.
     And those at the end of a gap once more after it is followed, which tells how far they are smeared: in one that was
     measured as if it were sharp the penalty arc lay 0.4 px inside its place, and the pitch came out 0.02 m longer.
-    Frames that show no paint then tell nothing, and where most do so the tripod stays as it was.
+    Where no paint is measured the second time that of the first counts: a tripod that moved far takes focal lengths
+    along, and no marking is near its place from where the head was before.
     """
     template, _ = field_of(config)
     members = _keep_painted(measure_closely(tripod, members, pictures, template, period_s, HeadPath.of(members)))
@@ -113,8 +114,11 @@ def learn_closely(
         return tripod
     fit = _fit_closely(tripod, members, [], config, template, drawn, parts_m=None)
     nearer = fit.estimate
-    members = _follow_far(members, fit, Place.of(nearer, template))
-    frames = _keep_painted(measure_closely(nearer, members, pictures, template, period_s, HeadPath.of(members)))
+    heads = dict(zip(nearer.used, fit.heads, strict=True))
+    as_before = [replace(frame, head=heads[frame.name]) for frame in members if frame.name in heads]
+    again = measure_closely(nearer, members, pictures, template, period_s, HeadPath.of(members))
+    seen = {frame.name: frame for frame in (*as_before, *_keep_painted(again))}
+    frames = [seen[frame.name] for frame in members if frame.name in seen]
     smeared: list[HeadedFrame] = []
     if max(tripod.sigma("length"), tripod.sigma("breadth")) >= WELL_KNOWN_M:
         place, path = Place.of(nearer, template), HeadPath.of(frames)
@@ -122,33 +126,17 @@ def learn_closely(
             smeared = _follow_gaps(place, path, pictures_at, config, colour, period_s)
         at_gaps = [frame for frame in frames if path.blur_px(float(frame.name), nearer, period_s) is None]
         whole = HeadPath.of([*frames, *smeared])
-        again = {f.name: f for f in measure_closely(nearer, at_gaps, pictures, template, period_s, whole)}
-        frames = [again.get(frame.name, frame) for frame in frames]
+        again = _keep_painted(measure_closely(nearer, at_gaps, pictures, template, period_s, whole))
+        seen = {frame.name: frame for frame in (*frames, *again)}
+        frames = [seen[frame.name] for frame in frames]
         frames = frames + _look_between(place, path, pictures_at, config, colour, period_s)
-    painted = _keep_painted(frames)
-    if 2 * len(painted) <= len(members):
-        return tripod
     start = replace(tripod, mean=nearer.mean)
-    return _fit_closely(start, painted, smeared, config, template, drawn, parts_m=PART_M).estimate
+    return _fit_closely(start, frames, smeared, config, template, drawn, parts_m=PART_M).estimate
 
 
 def _keep_painted(frames: Sequence[HeadedFrame]) -> list[HeadedFrame]:
     """The frames in which paint was measured."""
     return [frame for frame in frames if len(frame.measured.marking) > 0]
-
-
-def _follow_far(frames: Sequence[HeadedFrame], fit: TripodFit, place: Place) -> list[HeadedFrame]:
-    """The frames, with the heads that a fit has for them where these lie further off than the paint is looked for: a
-    tripod that moved far takes focal lengths along, and all markings.
-    """
-    heads = dict(zip(fit.estimate.used, fit.heads, strict=True))
-    followed = []
-    for frame in frames:
-        head = heads.get(frame.name, frame.head)
-        reach = np.sqrt(np.diag(place.proposal_covariance(frame.head)))
-        is_far = bool((np.abs(head - frame.head) > reach).any())
-        followed.append(replace(frame, head=head) if is_far else frame)
-    return followed
 
 
 def _look_between(

@@ -21,9 +21,10 @@ from circlecal.rig.tripod import COMMON, Venue
 from circlecal.tracking import first_look, survey
 from circlecal.tracking.frame_paint import PART_M
 from circlecal.tracking.markings import template_curves
+from circlecal.tracking.seen_paint import MeasuredFrame
 from circlecal.tracking.stretches import ClipRun, survey_video
 from circlecal.tracking.survey import survey_clip
-from tests.tracking.scenes import HEAD, SIZE, draw, template, tripod, views_of_a_surface
+from tests.tracking.scenes import HEAD, SIZE, draw, template, tripod, views_of_a_pitch, views_of_a_surface
 
 
 def _marking(view: FieldView, name: str) -> AnnotatedMarking:
@@ -57,6 +58,17 @@ def test_what_all_frames_are_off_alike_does_not_make_a_known_camera_surer(monkey
     monkeypatch.setattr(survey, "fit_tripod", fit)
     survey._learn_beside(tripod(), [], tripod(), template_curves(template()))
     assert calls == [{}, {"alike": 10.0, "parts_m": PART_M}]
+
+
+def test_a_tripod_stays_as_it_was_where_its_frames_show_no_paint_any_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    members = views_of_a_pitch(105.0, 68.0)
+    bare = MeasuredFrame.unseen(members[0].measured.expected)
+    look = SimpleNamespace(measured=bare, is_confirmed=False, fit=SimpleNamespace(head=HEAD))
+    monkeypatch.setattr(survey, "_look_again", lambda *_: look)
+    pictures = {frame.name: SimpleNamespace(size=SIZE, grass_share=1.0) for frame in members}
+    known, drawn = tripod(), template_curves(template())
+    found, kept = survey._extend(known, members, pictures, load_config(), template(), drawn, 0.04)  # type: ignore[arg-type]
+    assert (found, kept) == (known, members)
 
 
 @pytest.mark.parametrize(
