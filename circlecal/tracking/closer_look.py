@@ -109,7 +109,7 @@ def learn_closely(
     along, and no marking is near its place from where the head was before.
     """
     template, _ = field_of(config)
-    members = _keep_painted(measure_closely(tripod, members, pictures, template, period_s, HeadPath.of(members)))
+    members = _drop_bare(measure_closely(tripod, members, pictures, template, period_s, HeadPath.of(members)))
     if not members:
         return tripod
     fit = _fit_closely(tripod, members, [], config, template, drawn, parts_m=None)
@@ -117,7 +117,7 @@ def learn_closely(
     heads = dict(zip(nearer.used, fit.heads, strict=True))
     as_before = [replace(frame, head=heads[frame.name]) for frame in members if frame.name in heads]
     again = measure_closely(nearer, members, pictures, template, period_s, HeadPath.of(members))
-    seen = {frame.name: frame for frame in (*as_before, *_keep_painted(again))}
+    seen = {frame.name: frame for frame in (*as_before, *_drop_bare(again))}
     frames = [seen[frame.name] for frame in members if frame.name in seen]
     smeared: list[HeadedFrame] = []
     if max(tripod.sigma("length"), tripod.sigma("breadth")) >= WELL_KNOWN_M:
@@ -126,7 +126,7 @@ def learn_closely(
             smeared = _follow_gaps(place, path, pictures_at, config, colour, period_s)
         at_gaps = [frame for frame in frames if path.blur_px(float(frame.name), nearer, period_s) is None]
         whole = HeadPath.of([*frames, *smeared])
-        again = _keep_painted(measure_closely(nearer, at_gaps, pictures, template, period_s, whole))
+        again = _drop_bare(measure_closely(nearer, at_gaps, pictures, template, period_s, whole))
         seen = {frame.name: frame for frame in (*frames, *again)}
         frames = [seen[frame.name] for frame in frames]
         frames = frames + _look_between(place, path, pictures_at, config, colour, period_s)
@@ -134,7 +134,7 @@ def learn_closely(
     return _fit_closely(start, frames, smeared, config, template, drawn, parts_m=PART_M).estimate
 
 
-def _keep_painted(frames: Sequence[HeadedFrame]) -> list[HeadedFrame]:
+def _drop_bare(frames: Sequence[HeadedFrame]) -> list[HeadedFrame]:
     """The frames in which paint was measured."""
     return [frame for frame in frames if len(frame.measured.marking) > 0]
 

@@ -65,9 +65,9 @@ LEAST_GRASS = 0.15
 AGREEING = 16.3
 """Chi-square of three degrees of freedom that one of a thousand exceeds."""
 AGREEING_IN_ALL = 40.8
-"""The same of seventeen, as many as a tripod has parameters that frames tell: by how much more frames may cost beside
-what was known than before any tripod. Views of an ideal pitch cost 8 more with an axis 2.5 standard deviations beside
-its place, 49 with one six beside.
+"""Chi-square that one of a thousand exceeds, of seventeen degrees of freedom, as many as a tripod has parameters that
+frames tell: by how much more frames may cost beside what was known than before any tripod. Views of an ideal pitch cost
+8 more with an axis 2.5 standard deviations beside its place, 49 with one six beside.
 """
 SLACK = 9.0
 """How much more than its covariance says a tripod may change to meet a frame that looks elsewhere: the surface and the
