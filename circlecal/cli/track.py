@@ -27,7 +27,11 @@ def track(
     workers: options.Workers = None,
     every: Annotated[
         str | None,
-        typer.Option("--every", metavar="TIME|N", help="A frame a TIME, or each N-th. (default: 1, every frame)"),
+        typer.Option(
+            "--every",
+            metavar="TIME|N",
+            help="Answer a frame a TIME, or each N-th; all are followed. (default: 1, every frame)",
+        ),
     ] = None,
     start: Annotated[str | None, typer.Option("--start", metavar="TIME", help="From here, H:MM:SS.")] = None,
     end: Annotated[str | None, typer.Option("--end", metavar="TIME", help="Up to here.")] = None,
