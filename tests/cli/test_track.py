@@ -48,6 +48,9 @@ def test_other_commands_read_the_results(clip, tmp_path, run_circlecal):
     run_circlecal("track", clip, "--out", out, "--quiet")
     assert run_circlecal("convert", out / "results.jsonl", "--to", "gamestate", "--out", tmp_path / "given").code == 0
     assert (tmp_path / "given" / "Labels-GameState.json").is_file()
+    run_circlecal("track", clip, "--out", out, "--quiet", "--to", "soccernet", "--to", "broadtrack", "--to", "worldcup")
+    assert run_circlecal("convert", out, "--to", "tvcalib", "--out", tmp_path / "once").code == 0
+    assert len((tmp_path / "once" / "per_sample_output.json").read_text().splitlines()) == 28
     assert run_circlecal("report", out).code == 0
     first = circlecal.load(out)[0].save(tmp_path / "first.json")
     outcome = run_circlecal("project", first, "--to", "image", "0", "0")
