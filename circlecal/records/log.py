@@ -306,13 +306,14 @@ class Place:
 
 
 def is_log(path: Path) -> bool:
-    """Whether a file is the ``results.jsonl`` of a batch, by its first line."""
+    """Whether a file is the ``results.jsonl`` of a run, by its first line, or by its name where it holds no frame."""
     if path.suffix != ".jsonl":
         return False
     try:
-        return bool(is_record(next(read_lines(path), b"")))
+        first = next(read_lines(path), None)
     except InputError:
         return False
+    return path.name == RESULTS_NAME if first is None else bool(is_record(first))
 
 
 def find_results(path: Path) -> list[Path]:

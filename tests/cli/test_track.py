@@ -51,6 +51,10 @@ def test_other_commands_read_the_results(clip, tmp_path, run_circlecal):
     run_circlecal("track", clip, "--out", out, "--quiet", "--to", "soccernet", "--to", "broadtrack", "--to", "worldcup")
     assert run_circlecal("convert", out, "--to", "tvcalib", "--out", tmp_path / "once").code == 0
     assert len((tmp_path / "once" / "per_sample_output.json").read_text().splitlines()) == 28
+    (tmp_path / "none").mkdir()
+    (tmp_path / "none" / "results.jsonl").touch()
+    again = run_circlecal("convert", tmp_path / "none", out, "--to", "tvcalib", "--out", tmp_path / "both")
+    assert again.code == 0, "a run without frames hinders no other"
     assert run_circlecal("report", out).code == 0
     first = circlecal.load(out)[0].save(tmp_path / "first.json")
     outcome = run_circlecal("project", first, "--to", "image", "0", "0")
