@@ -21,7 +21,12 @@ from circlecal.overlay.frame_overlay import legend_of
 from circlecal.overlay.palette import CIRCLE, TEMPLATE
 from circlecal.overlay.quality import SCALE, rate_sigma
 from circlecal.overlay.radar import radar_half
-from circlecal.overlay.template_lines import count_sigma_from_seen, sigma_over_picture
+from circlecal.overlay.template_lines import (
+    count_sigma_from_seen,
+    draw_template,
+    marking_sigmas,
+    sigma_over_picture,
+)
 from circlecal.results import (
     Attempt,
     CameraFit,
@@ -532,3 +537,25 @@ def test_text_is_wrapped_to_the_width():
     assert all(text_size(line, 12.0)[0] <= 150 for line in lines)
     assert wrap("", 12.0, 100.0) == [""]
     assert wrap("größe\nzwei", 12.0, 900.0) == ["gr??e zwei"]
+
+
+def test_a_marking_that_nothing_tells_is_dashed():
+    """A touchline of a pitch whose width is open; what lies in the middle of the pitch is certain."""
+    covariance = np.zeros((len(PARAMETERS), len(PARAMETERS)))
+    covariance[INDEX["breadth"], INDEX["breadth"]] = 10.0**2
+    view = FieldView(_camera(), covariance=covariance)
+    far = SOCCER.width_m / 2.0
+    here, there = (replace(view, growth_m=np.array([0.0, g])).markings(SOCCER)["side_line_top"] for g in (0.0, 0.01))
+    moved = np.hypot(*(view.project(there) - view.project(here)).T)[view.shows(view.project(here))]
+    sigmas = marking_sigmas(view, SOCCER)
+    assert sigmas["side_line_top"] == pytest.approx(10.0 * moved.max() / 0.01, rel=0.02)
+    assert sigmas["centre_circle"] < 1e-6
+    drawn = {}
+    for most_px in (np.inf, 32.0, 1e4):
+        canvas = Canvas.of(np.zeros((720, 1280, 3), np.uint8))
+        draw_template(canvas, view, SOCCER, "centre_circle", most_sigma_px=most_px)
+        drawn[most_px] = canvas.picture
+    assert np.array_equal(drawn[np.inf], drawn[1e4])
+    changed = view.to_field(np.argwhere((drawn[np.inf] != drawn[32.0]).any(axis=-1))[:, ::-1].astype(float))
+    assert len(changed) > 100 and (np.abs(np.abs(changed[:, 1]) - far) < 1.0).all()
+    assert marking_sigmas(FieldView(_camera()), SOCCER) == {}

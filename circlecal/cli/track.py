@@ -27,7 +27,11 @@ def track(
     workers: options.Workers = None,
     every: Annotated[
         str | None,
-        typer.Option("--every", metavar="TIME|N", help="A frame a TIME, or each N-th. (default: 1, every frame)"),
+        typer.Option(
+            "--every",
+            metavar="TIME|N",
+            help="Answer a frame a TIME, or each N-th; all are followed. (default: 1, every frame)",
+        ),
     ] = None,
     start: Annotated[str | None, typer.Option("--start", metavar="TIME", help="From here, H:MM:SS.")] = None,
     end: Annotated[str | None, typer.Option("--end", metavar="TIME", help="Up to here.")] = None,
@@ -140,7 +144,7 @@ def _write_further(
             continue
         name = OVERLAY_NAME if len(videos) == 1 else f"{clip.name}.{OVERLAY_NAME}"
         with console.count_steps("frame", clip.estimate_count(run.sampling), quiet=quiet) as advance:
-            write_overlay_video(out / name, clip, records, template, circle, advance)
+            write_overlay_video(out / name, clip, records, template, circle, run.step_s(clip), advance)
 
 
 def _print_report(report: TrackReport, run: ClipRun, out: Path, *, as_json: bool, quiet: bool) -> None:
@@ -166,7 +170,7 @@ def _print_report(report: TrackReport, run: ClipRun, out: Path, *, as_json: bool
             [
                 [c["clip"], c["camera"], str(c["frames"])]
                 + [show_with_sigma(*c[axis]) for axis in ("x_m", "y_m", "z_m")]
-                + ["{:.1f} x {:.1f}".format(*c["pitch_m"])]
+                + [" x ".join(map(show_with_sigma, c["pitch_m"], c["pitch_sd_m"]))]
                 for c in cameras
             ],
         )

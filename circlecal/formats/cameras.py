@@ -36,6 +36,10 @@ _MIN_GRID = 8
 CENTRE = "centre"
 TANGENT = "tangent"
 Size = tuple[int, int]
+SQUARE = 0.005
+"""How far the width of a pixel may be from its height, as a share, where it counts as square: anamorphic pictures are
+0.7 to 1.5 times as wide, and sizes that are rounded to whole pixels 0.001 off.
+"""
 CameraModel = Literal["camera", "centred camera", "homography"]
 """What a format can say: any camera; one with square pixels, the principal point at the image centre and one
 coefficient of distortion; or only where the flat field is seen."""
@@ -57,6 +61,8 @@ class CameraFrame:
         Field (metres) to pixels of the frame as stored, where the file holds one.
     image : str or None
         Name of the picture, where the file has one.
+    is_stretched : bool
+        Whether the pixels of the pictures are not square, and those of the format are: the camera is another one.
     """
 
     id: str
@@ -65,6 +71,7 @@ class CameraFrame:
     camera: Camera | None = None
     H_image_field: Array | None = None
     image: str | None = None
+    is_stretched: bool = False
 
     def require_camera(self) -> Camera:
         """The camera, if need be the one that fits the homography.
@@ -96,8 +103,10 @@ class CameraFrame:
         if holds == "homography":
             return replace(self, H_image_field=H)
         camera = self.require_camera()
-        camera = center_camera(camera, template) if holds == "centred camera" else camera
-        return replace(self, camera=camera, H_image_field=H)
+        if holds == "camera":
+            return replace(self, camera=camera, H_image_field=H)
+        is_stretched = abs(camera.focal_px[0] / camera.focal_px[1] - 1.0) > SQUARE
+        return replace(self, camera=center_camera(camera, template), H_image_field=H, is_stretched=bool(is_stretched))
 
     def with_square_pixels(self) -> CameraFrame:
         """The frame for the picture as it is shown, where its pixels are broader or narrower than high; as it is where

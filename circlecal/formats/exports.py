@@ -425,7 +425,15 @@ def _annotation_files(
 
 
 def _camera_files(frames: Sequence[CameraFrame], target: CameraFormat, folder: Path) -> dict[Path, bytes]:
-    """Content by path."""
+    """Content by path; says so where the cameras of stretched pictures become others."""
+    stretched = next((frame for frame in frames if frame.is_stretched), None)
+    if stretched is not None:
+        _log.warning(
+            "%s: %s cannot say that pixels are not square; the nearest cameras with square ones are written, and only "
+            "those for pictures of the shape that is shown (--eval-size of calibrate, batch and track) are the same",
+            stretched.id,
+            target.name,
+        )
     if not target.per_frame:
         return {folder / target.file_name: target.write(frames)}
     return {_path_of(target, frame.id, folder): target.write([frame]) for frame in frames}

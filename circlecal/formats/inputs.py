@@ -33,7 +33,7 @@ from circlecal.formats.shapes import AnnotatedFrame, ObservedFrame, Shape
 from circlecal.formats.soccernet import LINE_CLASSES
 from circlecal.observations import Observations
 from circlecal.pictures.files import PICTURE_SUFFIXES, PictureFile, distinct_names, walk
-from circlecal.records.log import RESULTS_NAME, is_log
+from circlecal.records.log import RESULTS_NAME
 
 BESIDE_SUFFIXES = (".json", ".xml")
 """Of annotations that programs put beside pictures."""
@@ -176,8 +176,8 @@ def find_unused_annotations(frames: Sequence[PictureFile]) -> list[Path]:
 
 
 def find_convertible(inputs: Sequence[Path], format_name: str | None, out: Path) -> list[Path]:
-    """Files to convert among files and folders; in a folder those of known suffix, in that of a run its results alone:
-    what else lies there was written of them.
+    """Files to convert among files and folders; in a folder those of known suffix, of a run its results alone: the same
+    frames lie beside them in the formats in which it wrote them, unless one is named.
 
     Raises
     ------
@@ -188,11 +188,15 @@ def find_convertible(inputs: Sequence[Path], format_name: str | None, out: Path)
         require_format(format_name, {f.name: f for f in formats()}, "--from", "known format")
     files: list[Path] = []
     for given in inputs:
-        if is_folder(given) and is_log(given / RESULTS_NAME):
-            files.append(given / RESULTS_NAME)
-        elif is_folder(given):
+        if is_folder(given):
             found = _files_in(given, [out])
-            files += [path for path in found if path.suffix.lower() in annotation_suffixes()]
+            runs = {path.parent for path in found if path.name == RESULTS_NAME} if format_name is None else set()
+            files += [
+                path
+                for path in found
+                if path.suffix.lower() in annotation_suffixes()
+                and (path.name == RESULTS_NAME or runs.isdisjoint(path.parents))
+            ]
         else:
             files.append(given)
     if not files:

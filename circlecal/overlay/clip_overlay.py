@@ -21,6 +21,7 @@ def draw_clip_frame(
     circle: str,
     time_s: float,
     facts: list[str],
+    most_sigma_px: float,
 ) -> Picture:
     """Draw the field template over a frame, and a strip with its time and a few words.
 
@@ -36,10 +37,13 @@ def draw_clip_frame(
         Time in the video, seconds.
     facts : list of str
         What the strip tells behind the time.
+    most_sigma_px : float
+        Standard deviation, pixels at 1920 px width, beyond which a marking is dashed: nothing tells where it is.
     """
     canvas = Canvas.of(image_bgr)
     if view is not None:
-        draw_template(canvas, view, template, circle)
+        most_px = most_sigma_px * image_bgr.shape[1] / 1920.0
+        draw_template(canvas, view, template, circle, most_sigma_px=most_px)
     height = _TEXT * canvas.text_px
     top = canvas.height - 2.6 * height
     canvas.shade(0, top, canvas.width, canvas.height)

@@ -18,6 +18,8 @@ _MARGIN = 0.6
 """How far beyond the picture a marking is drawn, in its size: pixel coordinates far outside say nothing to an eye and
 overflow drawing programs.
 """
+_SIGMA_STEPS = 210.0
+"""Pieces of a marking as long as the field at whose ends its standard deviation is taken."""
 
 
 def pixels_near_picture(view: FieldView, points_m: Array) -> Array:
@@ -35,12 +37,33 @@ def draw_template(
     circle: str,
     color: Color = TEMPLATE,
     dashed: bool = False,
+    most_sigma_px: float = np.inf,
 ) -> None:
-    """Draw every marking's centreline, the circle that carried the calibration in its own colour."""
+    """Draw every marking's centreline, the circle that carried the calibration in its own colour; dashed where asked
+    for, and those whose standard deviation in the picture is more than ``most_sigma_px``.
+    """
+    sigmas = marking_sigmas(view, template) if np.isfinite(most_sigma_px) else {}
     for name, polyline in view.markings(template).items():
         own = CIRCLE if name == circle and color == TEMPLATE else color
         pixels = pixels_near_picture(view, polyline)
-        canvas.polyline(pixels, own, 1.4, dashed=dashed and name not in template.mark_by_name)
+        is_dashed = (dashed and name not in template.mark_by_name) or sigmas.get(name, 0.0) > most_sigma_px
+        canvas.polyline(pixels, own, 1.4, dashed=is_dashed)
+
+
+def marking_sigmas(view: FieldView, template: FieldTemplate) -> dict[str, float]:
+    """Largest standard deviation in the picture, pixels, of each marking that the picture shows, by its name: what is
+    open of the size of the field is open of a marking as far as it moves with that. Nothing where the covariance of
+    the camera is not known.
+    """
+    found = {}
+    for name, polyline in template.polylines(template.length_m / _SIGMA_STEPS).items():
+        moves, _ = template.growth_of(polyline)
+        own = count_sigma_from_seen(view, moves)
+        pixels, sigma = own.project(view.grow(polyline, template), sigma=True)
+        shown = view.shows(pixels)
+        if sigma is not None and shown.any():
+            found[name] = float(np.nanmax(sigma[shown]))
+    return found
 
 
 def count_sigma_from_seen(view: FieldView, by_growth: ArrayLike) -> FieldView:

@@ -43,7 +43,7 @@ def track(
     config, field, set : optional
         As for :func:`circlecal.calibrate`; of the field ``auto`` some frames of the clip are looked at first.
     every : str or int
-        A number of frames, or a time such as ``"200ms"``; every frame by default.
+        A number of frames, or a time such as ``"200ms"``; every frame by default. Those between are followed too.
     start, end : str or float, optional
         Times in the video: seconds, ``"1:30"`` or ``"0:01:30.5"``; a frame at ``end`` itself is left out.
     venue : path, optional

@@ -34,7 +34,7 @@ from circlecal.tracking.pitch import (
     open_size,
 )
 from circlecal.tracking.seen_paint import MeasuredFrame
-from circlecal.tracking.tripod_fit import count_alike, fit_tripod
+from circlecal.tracking.tripod_fit import TripodFit, count_alike, fit_tripod
 
 WELL_KNOWN_M = 0.02
 """Standard deviation of the pitch's size from which on no further pictures are looked at. Before a penalty area 0.1 m
@@ -105,11 +105,20 @@ def learn_closely(
     The frames are measured twice: a touchline that lies two pixels beside its place is not measured closely at first.
     And those at the end of a gap once more after it is followed, which tells how far they are smeared: in one that was
     measured as if it were sharp the penalty arc lay 0.4 px inside its place, and the pitch came out 0.02 m longer.
+    Where no paint is measured the second time that of the first counts: a tripod that moved far takes focal lengths
+    along, and no marking is near its place from where the head was before.
     """
     template, _ = field_of(config)
-    members = measure_closely(tripod, members, pictures, template, period_s, HeadPath.of(members))
-    nearer = _fit_closely(tripod, members, [], config, template, drawn, parts_m=None)
-    frames = measure_closely(nearer, members, pictures, template, period_s, HeadPath.of(members))
+    members = _drop_bare(measure_closely(tripod, members, pictures, template, period_s, HeadPath.of(members)))
+    if not members:
+        return tripod
+    fit = _fit_closely(tripod, members, [], config, template, drawn, parts_m=None)
+    nearer = fit.estimate
+    heads = dict(zip(nearer.used, fit.heads, strict=True))
+    as_before = [replace(frame, head=heads[frame.name]) for frame in members if frame.name in heads]
+    again = measure_closely(nearer, members, pictures, template, period_s, HeadPath.of(members))
+    seen = {frame.name: frame for frame in (*as_before, *_drop_bare(again))}
+    frames = [seen[frame.name] for frame in members if frame.name in seen]
     smeared: list[HeadedFrame] = []
     if max(tripod.sigma("length"), tripod.sigma("breadth")) >= WELL_KNOWN_M:
         place, path = Place.of(nearer, template), HeadPath.of(frames)
@@ -117,10 +126,17 @@ def learn_closely(
             smeared = _follow_gaps(place, path, pictures_at, config, colour, period_s)
         at_gaps = [frame for frame in frames if path.blur_px(float(frame.name), nearer, period_s) is None]
         whole = HeadPath.of([*frames, *smeared])
-        again = {f.name: f for f in measure_closely(nearer, at_gaps, pictures, template, period_s, whole)}
-        frames = [again.get(frame.name, frame) for frame in frames]
+        again = _drop_bare(measure_closely(nearer, at_gaps, pictures, template, period_s, whole))
+        seen = {frame.name: frame for frame in (*frames, *again)}
+        frames = [seen[frame.name] for frame in frames]
         frames = frames + _look_between(place, path, pictures_at, config, colour, period_s)
-    return _fit_closely(replace(tripod, mean=nearer.mean), frames, smeared, config, template, drawn, parts_m=PART_M)
+    start = replace(tripod, mean=nearer.mean)
+    return _fit_closely(start, frames, smeared, config, template, drawn, parts_m=PART_M).estimate
+
+
+def _drop_bare(frames: Sequence[HeadedFrame]) -> list[HeadedFrame]:
+    """The frames in which paint was measured."""
+    return [frame for frame in frames if len(frame.measured.marking) > 0]
 
 
 def _look_between(
@@ -189,12 +205,12 @@ def _fit_closely(
     drawn: DrawnTemplate,
     *,
     parts_m: float | None,
-) -> TripodEstimate:
-    """The tripod by closely measured frames, without those of a false camera; the width of the paint with the rest
-    where its blur tells it. Whether a line is a false one, and what the models leave, the sharp frames tell. Where the
-    models leave more than noise, a length that is not the usual one is that of the frames which show the middle of the
-    field, some of them with an end, if they tell it. At last a size that is held is told as uncertain as the paint
-    leaves it.
+) -> TripodFit:
+    """The fit of the tripod to closely measured frames, without those of a false camera; the width of the paint with
+    the rest where its blur tells it. Whether a line is a false one, and what the models leave, the sharp frames tell.
+    Where the models leave more than noise, a length that is not the usual one is that of the frames which show the
+    middle of the field, some of them with an end, if they tell it. At last a size that is held is told as uncertain as
+    the paint leaves it.
     """
     unit = tripod.size[0] / 1920.0
     mean, sd = priors_of_frames(config, template, tripod.size, [frame.measured for frame in sharp])
@@ -224,7 +240,7 @@ def _fit_closely(
     if kept and parts_m is not None and (loose_sd > sd).any():
         loose = fit_tripod(kept, best, mean, loose_sd, drawn, None, is_width_free, alike, parts_m=np.inf)
         best = open_size(best, loose.estimate, loose_sd > sd)
-    return replace(best, left_out=tripod.left_out)
+    return replace(fit, estimate=replace(best, left_out=tripod.left_out))
 
 
 def _leave_out_alike(frame: HeadedFrame, before: Sequence[HeadedFrame], after: Sequence[HeadedFrame]) -> HeadedFrame:

@@ -11,6 +11,7 @@ from circlecal.overlay.clip_overlay import draw_clip_frame
 from circlecal.pictures.video import Video, pictures_at
 from circlecal.pictures.video_writer import write_video
 from circlecal.records.record import ResultRecord
+from circlecal.tracking.answers import LARGEST_SIGMA_PX
 
 OVERLAY_NAME = "overlay.mp4"
 
@@ -21,6 +22,7 @@ def write_overlay_video(
     records: Iterable[ResultRecord],
     template: FieldTemplate,
     circle: Circle,
+    step_s: float,
     on_frame: Callable[[str], None] = lambda name: None,
 ) -> None:
     """Write the overlay of a clip, one frame in memory at a time.
@@ -35,6 +37,8 @@ def write_overlay_video(
         Of its frames, in the order of time; frames without a record are left out.
     template, circle : FieldTemplate, Circle
         The field, and the circle in its own colour.
+    step_s : float
+        Time between two of the frames, seconds: how long the last one is shown.
     on_frame : callable
         Called with the id after each frame.
 
@@ -45,11 +49,12 @@ def write_overlay_video(
     """
     wanted, asked = tee(record for record in records if _time(record) is not None)
     pictures = pictures_at(video.path, _times(asked))
-    with write_video(path, video.rate, video.aspect) as writer:
+    with write_video(path, 1.0 / step_s, video.aspect) as writer:
         for record, picture in zip(wanted, pictures, strict=False):
             time_s = _time(record)
             if picture is not None and time_s is not None:
-                drawn = draw_clip_frame(picture, record.view, template, circle.name, time_s, frame_facts(record))
+                facts = frame_facts(record)
+                drawn = draw_clip_frame(picture, record.view, template, circle.name, time_s, facts, LARGEST_SIGMA_PX)
                 writer.write(drawn, time_s)
             on_frame(record.id)
 

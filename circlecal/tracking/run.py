@@ -188,14 +188,16 @@ def records_in_order(results: Path) -> Iterator[ResultRecord]:
 
 def tripod_facts(venue: Venue, template: FieldTemplate) -> Iterator[dict[str, Any]]:
     """Of each camera of a venue: name, frames that determined it, where its pan axis stands (mean and standard
-    deviation by axis, metres), and the size of the pitch, metres.
+    deviation by axis, metres), and the size of the pitch and its standard deviations, metres.
     """
     for tripod in venue.tripods:
         sds = np.sqrt(np.diag(tripod.whole_covariance))
         at = {f"{axis}_m": PLACE[f"axis_{axis}"] for axis in "xyz"}
         place = {name: [float(tripod.mean[k]), float(sds[k])] for name, k in at.items()}
         pitch = np.array([template.length_m, template.width_m]) + tripod.growth_m
-        yield {"camera": tripod.name, "frames": len(tripod.used), **place, "pitch_m": pitch.tolist()}
+        pitch_sd = sds[[PLACE["length"], PLACE["breadth"]]]
+        size = {"pitch_m": pitch.tolist(), "pitch_sd_m": pitch_sd.tolist()}
+        yield {"camera": tripod.name, "frames": len(tripod.used), **place, **size}
 
 
 class _Writer:

@@ -64,6 +64,11 @@ LEAST_GRASS = 0.15
 """Share of the picture that the playing surface covers where a search is worth it."""
 AGREEING = 16.3
 """Chi-square of three degrees of freedom that one of a thousand exceeds."""
+AGREEING_IN_ALL = 40.8
+"""Chi-square that one of a thousand exceeds, of seventeen degrees of freedom, as many as a tripod has parameters that
+frames tell: by how much more frames may cost beside what was known than before any tripod. Views of an ideal pitch cost
+8 more with an axis 2.5 standard deviations beside its place, 49 with one six beside.
+"""
 SLACK = 9.0
 """How much more than its covariance says a tripod may change to meet a frame that looks elsewhere: the surface and the
 lens have other shapes than their models.
@@ -120,7 +125,9 @@ def survey_clip(
             extended, members = _extend(tripod, [], pictures, config, template, drawn, period_s, tripod)
             if len(members) >= LEAST_FRAMES:
                 own = learn_closely(extended, members, pictures, pictures_at, config, drawn, usual, period_s)
-                extended = _choose_surer(extended, own)
+                measured = [frame.measured for frame in members]
+                prior = priors_of_frames(config, template, tripod.size, measured)
+                extended = _learn_from(tripod, extended, own, members, prior, drawn)
             tripods.append(extended)
         return Venue(template.name, tuple(tripods), paint)
     starts = _tripods(alone, config, template, circle, drawn)
@@ -136,15 +143,61 @@ def survey_clip(
     return Venue(template.name, tuple(_keep_distinct(learnt)), paint)
 
 
-def _choose_surer(known: TripodEstimate, own: TripodEstimate) -> TripodEstimate:
-    """What a clip tells of its camera by itself, where that agrees with what was known of it from elsewhere and tells
-    its place surer; else the two together, which count what was known as loosely as a camera may have been moved.
+def _learn_from(
+    known: TripodEstimate,
+    extended: TripodEstimate,
+    own: TripodEstimate,
+    members: list[HeadedFrame],
+    prior: tuple[Array, Array],
+    drawn: DrawnTemplate,
+) -> TripodEstimate:
+    """What becomes of a known tripod after its frames have extended it and, closely measured, tell one of their own:
+    the own one where this is the surer and lies elsewhere, since then the camera was moved; else what was known and
+    what the frames tell together. The prior, means and standard deviations (K,), is that of any tripod.
     """
+    if _choose_surer(extended, own) is own and not _agree(known, own):
+        return own
+    return _choose_surer(_keep_known(known, extended, members, prior, drawn), own)
+
+
+def _keep_known(
+    known: TripodEstimate,
+    extended: TripodEstimate,
+    members: list[HeadedFrame],
+    prior: tuple[Array, Array],
+    drawn: DrawnTemplate,
+) -> TripodEstimate:
+    """The tripod as its frames have it together with what was known of it, as surely as that was told, where that costs
+    these little more than any tripod, so that it is known no less than before; else as the frames extended it, for
+    which what was known counts as loosely as a camera may have been moved.
+
+    What the models leave of the paint beyond its noise makes it that much less certain here, so that frames which tell
+    less than what was known hardly move it.
+    """
+    free = fit_tripod(members, extended, *prior, drawn)
+    free = fit_tripod(members, free.estimate, *prior, drawn, alike=count_alike(free), parts_m=PART_M)
+    alike = count_alike(free) * free.spread
+    free = fit_tripod(members, free.estimate, *prior, drawn, alike=alike)
+    sd, start = np.sqrt(np.diag(known.covariance)), replace(extended, painters=known.painters)
+    precision = _precision(known, sd, 1.0)
+    kept = fit_tripod(members, start, known.mean, sd, drawn, precision, alike=alike, parts_m=PART_M)
+    agrees = kept.cost - free.cost < AGREEING_IN_ALL
+    return replace(kept.estimate, left_out=extended.left_out) if agrees else extended
+
+
+def _choose_surer(known: TripodEstimate, own: TripodEstimate) -> TripodEstimate:
+    """What a clip tells of its camera by itself, where that agrees with it and what was known of it from elsewhere
+    together and tells its place surer; else the two together.
+    """
+    surer = np.diag(own.whole_covariance)[:3] < np.diag(known.whole_covariance)[:3]
+    return own if _agree(known, own) and surer.all() else known
+
+
+def _agree(known: TripodEstimate, own: TripodEstimate) -> bool:
+    """Whether two tripods stand in one place, as far as that is known of either."""
     spread = known.whole_covariance[:3, :3] + own.whole_covariance[:3, :3]
     away = own.mean[:3] - known.mean[:3]
-    agrees = away @ np.linalg.solve(spread, away) <= AGREEING
-    surer = np.diag(own.whole_covariance)[:3] < np.diag(known.whole_covariance)[:3]
-    return own if agrees and surer.all() else known
+    return bool(away @ np.linalg.solve(spread, away) <= AGREEING)
 
 
 def _note_hips(
@@ -263,7 +316,8 @@ def _extend(
                 if seen is None
                 else _look_again(place, picture, seen, path.blur_px(float(name), tripod, period_s))
             )
-            if look is not None and (look.is_confirmed or seen is not None):
+            is_painted = look is not None and len(look.measured.marking) > 0
+            if look is not None and is_painted and (look.is_confirmed or seen is not None):
                 frames.append(HeadedFrame(name, look.fit.head, look.measured))
         mean, sd = priors_of_frames(config, template, tripod.size, [frame.measured for frame in frames])
         is_hipped = config.camera.crown_shape == "hip"
@@ -312,7 +366,7 @@ def _extend_and_measure(
 def _find_beyond(place: Place, picture: LookedAt, mean: Array, sd: Array) -> Look | None:
     """Search for the head where the tripod is known too little: it may change to meet the paint, as far as it may."""
     best: Look | None = None
-    precision = _loose_precision(place.tripod, sd)
+    precision = _precision(place.tripod, sd)
     looks = [place.look(picture, head, place.proposal_covariance(head)) for head in place.propose(picture)]
     least_worth = WORTH_SHARE * max(look.worth for look in looks)
     for look in sorted(looks, key=lambda look: -look.worth):
@@ -359,11 +413,11 @@ def _fit_members(
     return None
 
 
-def _loose_precision(tripod: TripodEstimate, sd: Array) -> Array:
-    """Information (K, K) of a tripod's free parameters where it may change more than it says."""
+def _precision(tripod: TripodEstimate, sd: Array, slack: float = SLACK) -> Array:
+    """Information (K, K) of a tripod's free parameters where its variances are so many times what it says."""
     free = free_parameters(sd)
     precision = np.zeros((len(sd), len(sd)))
-    precision[np.ix_(free, free)] = inverse_of_normal(SLACK * tripod.covariance[np.ix_(free, free)])
+    precision[np.ix_(free, free)] = inverse_of_normal(slack * tripod.covariance[np.ix_(free, free)])
     return precision
 
 
@@ -374,7 +428,7 @@ def _learn_beside(
     error of the models leave it.
     """
     sd = np.sqrt(np.diag(known.covariance))
-    precision = _loose_precision(known, sd)
+    precision = _precision(known, sd)
     alike = count_alike(fit_tripod(frames, start, known.mean, sd, drawn, precision))
     # the prior follows painters' errors as the known tripod does
     start = replace(start, painters=known.painters)

@@ -9,8 +9,11 @@ import pytest
 
 import circlecal
 from circlecal.evaluation.reading import read_predictions
+from circlecal.results.numbers import show_with_sigma
 from circlecal.tracking import stretches
 from tests.tracking import scripted
+
+SIZES = ("length", "breadth")
 
 
 @pytest.fixture
@@ -45,6 +48,13 @@ def test_other_commands_read_the_results(clip, tmp_path, run_circlecal):
     run_circlecal("track", clip, "--out", out, "--quiet")
     assert run_circlecal("convert", out / "results.jsonl", "--to", "gamestate", "--out", tmp_path / "given").code == 0
     assert (tmp_path / "given" / "Labels-GameState.json").is_file()
+    run_circlecal("track", clip, "--out", out, "--quiet", "--to", "soccernet", "--to", "broadtrack", "--to", "worldcup")
+    assert run_circlecal("convert", out, "--to", "tvcalib", "--out", tmp_path / "once").code == 0
+    assert len((tmp_path / "once" / "per_sample_output.json").read_text().splitlines()) == 28
+    (tmp_path / "none").mkdir()
+    (tmp_path / "none" / "results.jsonl").touch()
+    again = run_circlecal("convert", tmp_path / "none", out, "--to", "tvcalib", "--out", tmp_path / "both")
+    assert again.code == 0, "a run without frames hinders no other"
     assert run_circlecal("report", out).code == 0
     first = circlecal.load(out)[0].save(tmp_path / "first.json")
     outcome = run_circlecal("project", first, "--to", "image", "0", "0")
@@ -56,6 +66,23 @@ def test_counts_and_cameras_as_json(clip, tmp_path, run_circlecal):
     told = json.loads(outcome.out)
     assert outcome.code == 0 and told["total"] == 3 and told["cameras"][0]["camera"] == "camera-1"
     assert told["cameras"][0]["pitch_m"] == pytest.approx([103.5, 68.7])
+    assert told["cameras"][0]["pitch_sd_m"] == pytest.approx([scripted.tripod().sigma(n) for n in SIZES])
+
+
+def test_the_size_of_the_pitch_is_told_with_its_deviations(clip, tmp_path, run_circlecal):
+    length, width = (
+        show_with_sigma(*pair) for pair in zip((103.5, 68.7), map(scripted.tripod().sigma, SIZES), strict=True)
+    )
+    outcome = run_circlecal("track", clip, "--out", tmp_path / "out", "--every", "10", "--start", "1")
+    assert f"{length} x {width}" in " ".join(outcome.out.split())
+
+
+def test_the_overlay_of_each_nth_frame_shows_the_last_one_as_long_as_the_others(clip, tmp_path, run_circlecal):
+    run_circlecal("track", clip, "--out", tmp_path / "out", "--quiet", "--every", "5", "--video")
+    with av.open(str(tmp_path / "out" / "overlay.mp4")) as video:
+        stream = video.streams.video[0]
+        assert stream.frames == 6 and float(stream.duration * stream.time_base) == pytest.approx(3.0)
+        assert float(stream.average_rate) == pytest.approx(2.0)
 
 
 def test_several_clips_have_a_video_and_a_venue_each(clip, tmp_path, run_circlecal):

@@ -10,7 +10,7 @@ import pytest
 from circlecal.errors import InputError
 from circlecal.field import load_field
 from circlecal.field.view import FieldView
-from circlecal.formats import broadtrack, soccernet_camera, tvcalib, worldcup
+from circlecal.formats import broadtrack, exports, soccernet_camera, tvcalib, worldcup
 from circlecal.formats.cameras import CameraFrame, center_camera, resize_camera
 from circlecal.formats.format import json_bytes
 from circlecal.formats.soccernet_camera import camera_keys
@@ -165,6 +165,15 @@ def test_pixels_that_are_not_square_become_square_in_pictures_of_another_shape(c
         assert (again.width, again.height) == (960, 540)
         np.testing.assert_allclose(again.project(POINTS), frame_camera.project(POINTS), atol=0.5)
     assert frame.reduce("camera").camera.width == 720
+
+
+def test_a_format_of_square_pixels_says_that_others_become_another_camera(centred, soccer, tmp_path, caplog):
+    wide = replace(centred, focal_px=centred.focal_px * (0.75, 1.0))
+    for camera, is_told in ((centred, False), (wide, True)):
+        frame = CameraFrame("a", 960, 540, camera).reduce("centred camera", soccer)
+        assert frame.is_stretched is is_told
+        exports._camera_files([frame, frame], broadtrack.FORMAT, tmp_path)
+        assert caplog.text.count("cannot say that pixels are not square") == int(is_told)
 
 
 def test_a_homography_is_the_nearest_to_the_lens_in_every_way_to_it(calibrated, centred):

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from circlecal.config import load_config
 from circlecal.geometry.projective import Array
-from circlecal.rig.tripod import PLACE
+from circlecal.rig.tripod import PLACE, TripodEstimate
 from circlecal.synthetic.optics import motion_kernel
 from circlecal.tracking import closer_look, head_path, pitch
 from circlecal.tracking.closer_look import learn_closely, measure_closely
@@ -22,7 +22,7 @@ from circlecal.tracking.head_path import HeadPath
 from circlecal.tracking.looking import Look, LookedAt, Place
 from circlecal.tracking.markings import place_markings, template_curves
 from circlecal.tracking.seen_paint import BESIDE_BIAS_PX, MeasuredFrame
-from circlecal.tracking.tripod_fit import common_priors
+from circlecal.tracking.tripod_fit import common_priors, fit_tripod
 from tests.tracking.scenes import HEAD, SIZE, draw, measure_ideal, template, tripod, views_of_a_pitch
 
 CIRCLE_HEAD = np.array([np.log(2200.0), -0.01, 1.38])
@@ -63,6 +63,39 @@ def test_other_ground_beyond_a_line_does_not_draw_its_middle() -> None:
     (near,) = measure_closely(tripod(), [frame], {"0.000": seen}, template(), 0.04, HeadPath.of([frame]))
     assert abs(_far_side_off_px(far, HEAD, "side_line_top")) < 0.1
     assert abs(_far_side_off_px(near.measured, HEAD, "side_line_top")) < 0.07
+
+
+def _leave_nothing(frame: HeadedFrame) -> HeadedFrame:
+    """The frame as if no paint had been measured in it."""
+    return replace(frame, measured=MeasuredFrame.unseen(frame.measured.expected))
+
+
+def _learn(
+    members: list[HeadedFrame], looks: Sequence[list[HeadedFrame]], monkeypatch: pytest.MonkeyPatch
+) -> TripodEstimate:
+    """What is learnt closely from frames of a tripod, which one look after the other measures so."""
+    left = iter(looks)
+    monkeypatch.setattr(closer_look, "measure_closely", lambda *_: next(left, []))
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    start = fit_tripod(members, tripod(), mean, sd, template_curves(template())).estimate
+    return learn_closely(start, members, {}, lambda times: iter(()), load_config(), template_curves(template()))
+
+
+def test_paint_of_the_first_look_counts_where_the_second_measures_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    members = [replace(f, name=f"{0.6 * k:.3f}") for k, f in enumerate(views_of_a_pitch(105.0, 68.0))]
+    bare = [_leave_nothing(frame) for frame in members]
+    twice, once = (_learn(members, [members, look], monkeypatch) for look in (members, bare))
+    assert once.used == twice.used == tuple(frame.name for frame in members)
+    assert np.abs(once.mean - twice.mean)[:3].max() < 0.01
+    assert once.covariance[:3, :3] == pytest.approx(twice.covariance[:3, :3], rel=0.02, abs=1e-6)
+
+
+def test_a_tripod_stays_as_it_was_where_a_close_look_measures_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    members = [replace(f, name=f"{0.6 * k:.3f}") for k, f in enumerate(views_of_a_pitch(105.0, 68.0))]
+    bare = [_leave_nothing(frame) for frame in members]
+    left_out = _learn(members, [[members[0], bare[1], *members[2:]], members[:1] + members[2:]], monkeypatch)
+    assert left_out.used == tuple(frame.name for frame in members[:1] + members[2:])
+    assert _learn(members, [bare], monkeypatch).used == tuple(frame.name for frame in members)
 
 
 def test_smeared_paint_of_a_circle_lies_inside_it() -> None:

@@ -86,7 +86,7 @@ def test_a_usual_size_is_told_as_uncertain_as_its_own_paint_contradicts_it() -> 
     mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE)
     held = pitch.choose_pitch(frames, tripod(), mean, sd, drawn, LIMIT_PX).estimate
     assert held.growth_m[0] == held.sigma("length") == 0.0
-    told = closer_look._fit_closely(held, frames, [], load_config(), template(), drawn, parts_m=PART_M)
+    told = closer_look._fit_closely(held, frames, [], load_config(), template(), drawn, parts_m=PART_M).estimate
     assert told.growth_m[0] == 0.0
     assert abs(told.growth_m[0] - 1.5) < 2.5 * told.sigma("length")
 
@@ -98,7 +98,7 @@ def test_a_length_that_the_markings_tell_beyond_all_that_painters_leave_is_not_h
     # so much that no single frame contradicts the usual length
     found = pitch.choose_pitch(frames, tripod(), mean, sd, drawn, 2.0 * LIMIT_PX).estimate
     assert abs(found.growth_m[0] - growth_m) < 1.0
-    told = closer_look._fit_closely(found, frames, [], load_config(), template(), drawn, parts_m=PART_M)
+    told = closer_look._fit_closely(found, frames, [], load_config(), template(), drawn, parts_m=PART_M).estimate
     assert abs(told.growth_m[0] - growth_m) < min(2.5 * told.sigma("length"), 0.6)
     assert told.sigma("length") > 0.05
 
@@ -111,7 +111,7 @@ def test_pictures_of_the_middle_and_an_end_that_leave_a_length_open_do_not_tell_
     found = pitch.choose_pitch(frames, tripod(), mean, sd, drawn, LIMIT_PX).estimate
 
     def tell() -> float:
-        told = closer_look._fit_closely(found, frames, [], load_config(), template(), drawn, parts_m=PART_M)
+        told = closer_look._fit_closely(found, frames, [], load_config(), template(), drawn, parts_m=PART_M).estimate
         return float(told.growth_m[0])
 
     by_pictures = tell()
@@ -129,7 +129,7 @@ def test_a_usual_size_is_told_as_uncertain_as_its_own_paint_leaves_it() -> None:
     assert held.sigma("length") == held.sigma("breadth") == 0.0
 
     def tell(seen: list[HeadedFrame]) -> TripodEstimate:
-        return closer_look._fit_closely(held, seen, [], load_config(), template(), drawn, parts_m=PART_M)
+        return closer_look._fit_closely(held, seen, [], load_config(), template(), drawn, parts_m=PART_M).estimate
 
     told = tell(frames)
     np.testing.assert_array_equal(told.growth_m, 0.0)

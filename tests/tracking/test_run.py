@@ -82,6 +82,29 @@ def test_every_takes_each_nth_frame_or_one_a_time(tmp_path, engine):
     assert [line["id"] for line in lines(tmp_path / "half")] == [line["id"] for line in lines(tmp_path / "fifth")]
 
 
+@pytest.mark.parametrize(("every", "step"), [("5", 5), ("700ms", 7), ("1400ms", 14), ("3", 3)])
+def test_frames_between_those_that_are_wanted_are_followed_and_not_written(tmp_path, engine, every, step):
+    """They carry the camera, and tell whether a cut lies between; so a stretch begins no later than its last one."""
+    engine.setattr(stretches, "STRETCH_S", 1.0)
+    engine.setattr(stretches, "MARGIN_S", 0.3)
+    video, decoded = open_clip(tmp_path), []
+    run_track([video], clip_run(), tmp_path / "whole")
+    engine.setattr(
+        stretches, "track_frames", lambda frames, *rest: scripted.track_frames(watch(frames, decoded), *rest)
+    )
+    run_track([video], clip_run(every), tmp_path / "some")
+    wanted = lines(tmp_path / "whole")[::step]
+    found = lines(tmp_path / "some")
+    assert [line["id"] for line in found] == [line["id"] for line in wanted]
+    assert [line["track"] for line in found] == [line["track"] for line in wanted]
+    assert {round(time_s * scripted.RATE) for time_s in decoded} == set(range(30))
+
+
+def test_frames_as_near_as_those_of_a_usual_video_are_followed_alone(tmp_path, engine):
+    video = replace(open_clip(tmp_path), rate=50.0)
+    assert not clip_run("2").follows_all(video) and clip_run("3").follows_all(video)
+
+
 def test_a_stop_loses_nothing_and_nothing_is_done_twice(tmp_path, engine):
     engine.setattr(stretches, "STRETCH_S", 1.0)
     video, out = open_clip(tmp_path), tmp_path / "out"

@@ -13,17 +13,20 @@ import pytest
 from circlecal.config import load_config
 from circlecal.field.view import FieldView
 from circlecal.formats.annotation import AnnotatedMarking, Annotation
+from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import Surface, SurfaceShape
 from circlecal.observations import Observations
 from circlecal.pictures.video import Sampling, Video
 from circlecal.pipeline import run_observations
-from circlecal.rig.tripod import COMMON, Venue
+from circlecal.rig.tripod import COMMON, TripodEstimate, Venue
 from circlecal.tracking import first_look, survey
-from circlecal.tracking.frame_paint import PART_M
+from circlecal.tracking.frame_paint import PART_M, HeadedFrame
 from circlecal.tracking.markings import template_curves
+from circlecal.tracking.seen_paint import MeasuredFrame
 from circlecal.tracking.stretches import ClipRun, survey_video
 from circlecal.tracking.survey import survey_clip
-from tests.tracking.scenes import HEAD, SIZE, draw, template, tripod, views_of_a_surface
+from circlecal.tracking.tripod_fit import common_priors, fit_tripod
+from tests.tracking.scenes import HEAD, SIZE, draw, template, tripod, views_of_a_pitch, views_of_a_surface
 
 
 def _marking(view: FieldView, name: str) -> AnnotatedMarking:
@@ -44,7 +47,7 @@ def test_what_is_known_of_a_camera_stays_known(monkeypatch: pytest.MonkeyPatch) 
     # two views of a penalty area do not tell the axis's place by themselves
     off = np.abs(found.mean[:3] - tripod().mean[:3])
     assert off.max() < 3.0 * 0.01
-    assert (np.sqrt(np.diag(found.covariance)[:3]) < 3.0 * 0.01 + 1e-6).all()
+    assert (np.sqrt(np.diag(found.covariance)[:3]) < 0.01 + 1e-6).all()
 
 
 def test_what_all_frames_are_off_alike_does_not_make_a_known_camera_surer(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -57,6 +60,17 @@ def test_what_all_frames_are_off_alike_does_not_make_a_known_camera_surer(monkey
     monkeypatch.setattr(survey, "fit_tripod", fit)
     survey._learn_beside(tripod(), [], tripod(), template_curves(template()))
     assert calls == [{}, {"alike": 10.0, "parts_m": PART_M}]
+
+
+def test_a_tripod_stays_as_it_was_where_its_frames_show_no_paint_any_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    members = views_of_a_pitch(105.0, 68.0)
+    bare = MeasuredFrame.unseen(members[0].measured.expected)
+    look = SimpleNamespace(measured=bare, is_confirmed=False, fit=SimpleNamespace(head=HEAD))
+    monkeypatch.setattr(survey, "_look_again", lambda *_: look)
+    pictures = {frame.name: SimpleNamespace(size=SIZE, grass_share=1.0) for frame in members}
+    known, drawn = tripod(), template_curves(template())
+    found, kept = survey._extend(known, members, pictures, load_config(), template(), drawn, 0.04)  # type: ignore[arg-type]
+    assert (found, kept) == (known, members)
 
 
 @pytest.mark.parametrize(
@@ -114,6 +128,40 @@ def test_one_frame_that_a_person_named_makes_a_camera(monkeypatch: pytest.Monkey
     assert not survey_video(alone, video).tripods
     (found,) = survey_video(told, video).tripods
     assert np.abs(found.mean[:3] - tripod().mean[:3]).max() < 3.0
+
+
+def _prior() -> tuple[Array, Array]:
+    """What is known of any tripod."""
+    return common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+
+
+def _know(members: list[HeadedFrame], sigmas: float) -> TripodEstimate:
+    """A tripod as frames tell it, its axis so many standard deviations beside, and all that goes with it."""
+    told = fit_tripod(members, tripod(), *_prior(), template_curves(template())).estimate
+    along = told.covariance[:, 1] / np.sqrt(told.covariance[1, 1])
+    return replace(told, mean=told.mean + sigmas * along)
+
+
+@pytest.mark.parametrize(("sigmas", "is_kept"), [(0.0, True), (1.0, True), (2.5, True), (12.0, False)])
+def test_a_venue_that_frames_agree_with_is_known_no_less_than_before(sigmas: float, is_kept: bool) -> None:
+    members, drawn = views_of_a_pitch(105.0, 68.0), template_curves(template())
+    known, true = _know(members, sigmas), _know(members, 0.0)
+    extended = survey._learn_beside(known, members, known, drawn).estimate
+    found = survey._keep_known(known, extended, members, _prior(), drawn)
+    assert (found is not extended) is is_kept
+    variance = np.diag(found.covariance)[:3]
+    assert (variance < np.diag(known.covariance)[:3]).all() is np.bool_(is_kept)
+    assert abs(found.mean - true.mean)[1] <= abs(known.mean - true.mean)[1] + 0.1 * known.sigma("axis_y")
+
+
+def test_a_camera_that_was_moved_is_where_the_clip_tells_surely_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    known = replace(tripod(), covariance=np.eye(len(COMMON)) * 0.1**2)
+    moved, near = (replace(known, mean=known.mean + shift * (np.arange(len(COMMON)) < 3)) for shift in (0.5, 0.1))
+    extended = replace(near, covariance=np.eye(len(COMMON)) * 0.3**2)
+    surely, hardly = (replace(moved, covariance=np.eye(len(COMMON)) * sd**2) for sd in (0.05, 0.5))
+    monkeypatch.setattr(survey, "_keep_known", lambda known, *_: known)
+    for own, expected in ((surely, surely), (hardly, known), (near, known)):
+        assert survey._learn_from(known, extended, own, [], _prior(), template_curves(template())) is expected
 
 
 def test_what_a_clip_tells_surer_than_a_loosened_venue_is_taken_where_both_agree() -> None:
