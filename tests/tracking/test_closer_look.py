@@ -76,7 +76,7 @@ def _learn(
     """What is learnt closely from frames of a tripod, which one look after the other measures so."""
     left = iter(looks)
     monkeypatch.setattr(closer_look, "measure_closely", lambda *_: next(left, []))
-    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE)
     start = fit_tripod(members, tripod(), mean, sd, template_curves(template())).estimate
     return learn_closely(start, members, {}, lambda times: iter(()), load_config(), template_curves(template()))
 

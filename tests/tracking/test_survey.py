@@ -132,7 +132,7 @@ def test_one_frame_that_a_person_named_makes_a_camera(monkeypatch: pytest.Monkey
 
 def _prior() -> tuple[Array, Array]:
     """What is known of any tripod."""
-    return common_priors(load_config().camera, load_config().rig, template(), SIZE[0] / 1920.0)
+    return common_priors(load_config().camera, load_config().rig, template(), SIZE)
 
 
 def _know(members: list[HeadedFrame], sigmas: float) -> TripodEstimate:
