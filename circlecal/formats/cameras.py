@@ -36,10 +36,6 @@ _MIN_GRID = 8
 CENTRE = "centre"
 TANGENT = "tangent"
 Size = tuple[int, int]
-SQUARE = 0.005
-"""How far the width of a pixel may be from its height, as a share, where it counts as square: anamorphic pictures are
-0.7 to 1.5 times as wide, and sizes that are rounded to whole pixels 0.001 off.
-"""
 CameraModel = Literal["camera", "centred camera", "homography"]
 """What a format can say: any camera; one with square pixels, the principal point at the image centre and one
 coefficient of distortion; or only where the flat field is seen."""
