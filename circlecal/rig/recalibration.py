@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtri
 
-from circlecal.camera.problem import Problem, evaluate
+from circlecal.camera.problem import Problem, evaluate, minimise
 from circlecal.camera.residuals import sample_feet
 from circlecal.config import Config
 from circlecal.field import Circle, FieldTemplate
@@ -56,7 +56,7 @@ def recalibrate(
     """Calibrate a frame as one of the cameras' frames.
 
     A frame that stands in a group keeps its camera; any other is tried with every camera, and belongs to the one that
-    explains it: clearly better than the others and, where it is calibrated alone, hardly worse than alone.
+    explains it: clearly better than the others, and hardly worse than a camera of its own.
 
     Parameters
     ----------
@@ -75,7 +75,18 @@ def recalibrate(
     if not tried:
         return Recalibration(None, None, "no camera is known for it")
     alone = None if frame.theta is None else problem_of_frame(frame, frame.theta, template, circle, config)
-    cost_alone = np.inf if alone is None or frame.theta is None else _cost(alone, frame.theta)
+    cost_alone = 0.0 if alone is None or frame.theta is None else _cost(alone, frame.theta)
+
+    def excess(found: FrameCalibration, theta: Array) -> float:
+        """By how much a calibration costs more than a camera of the frame's own: that which it has alone, or the one
+        nearby that explains what was seen of a refused frame best.
+        """
+        if alone is not None:
+            return _cost(alone, theta) - cost_alone
+        seen = frame_of_calibration(found)
+        free = minimise(problem_of_frame(seen, theta, template, circle, config, grown=False), theta[None]).theta[0]
+        own = problem_of_frame(seen, free, template, circle, config)
+        return _cost(own, theta) - _cost(own, free)
 
     def weigh(found: FrameCalibration, theta: Array) -> float:
         """Cost of a calibration, with the standard deviations that the frame asks for where it is calibrated alone, so
@@ -85,7 +96,7 @@ def recalibrate(
             return _cost(alone, theta)
         return _cost(problem_of_frame(frame_of_calibration(found), theta, template, circle, config, grown=False), theta)
 
-    return _choose_trial([_try_rig(frame, rig, calibrate, weigh, cost_alone, config) for rig in tried])
+    return _choose_trial([_try_rig(frame, rig, calibrate, weigh, excess, config) for rig in tried])
 
 
 def _choose_rigs(frame: RigFrame, rigs: Sequence[Rig], camera: str | None) -> list[Rig]:
@@ -99,18 +110,19 @@ def _try_rig(
     rig: Rig,
     calibrate: Calibrate,
     weigh: Callable[[FrameCalibration, Array], float],
-    cost_alone: float,
+    excess: Callable[[FrameCalibration, Array], float],
     config: Config,
 ) -> _Trial:
-    """A frame calibrated with what one camera's other frames say; ``cost_alone``, that of the frame's own camera, is
-    infinite where it has none.
+    """A frame calibrated with what one camera's other frames say; its cost, and by how much that exceeds the cost of a
+    camera of its own, are told by functions of the calibration and its parameters (P,).
     """
     found = calibrate(config_with_prior(config, rig.prior(frame.id, frame.theta), rig.size[0]))
     reason = find_refusal(found, frame, rig)
     if reason is not None or found is None or found.attempt.camera is None:
         return _Trial(rig, None, np.inf, reason)
-    cost = weigh(found, found.attempt.camera.theta)
-    if frame.id not in rig.used and cost - cost_alone > config.rig.maximum_chi_square_increase:
+    theta = found.attempt.camera.theta
+    cost = weigh(found, theta)
+    if frame.id not in rig.used and excess(found, theta) > config.rig.maximum_chi_square_increase:
         return _Trial(rig, None, cost, f"it fits {rig.name} much worse than a camera of its own")
     return _Trial(rig, found, cost, None)
 

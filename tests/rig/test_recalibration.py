@@ -12,6 +12,7 @@ from circlecal.rig.estimation import estimate_rigs
 from circlecal.rig.frames import RigFrame
 from circlecal.rig.recalibration import recalibrate
 from circlecal.rig.run import RecordedFrame, RigTask, accept_short_arcs
+from circlecal.synthetic.markings import line_points
 
 from .scenes import CIRCLE, CONFIG, TEMPLATE, calibrated, displaced, goal_views, main_views, seen_by
 
@@ -68,6 +69,22 @@ def test_a_camera_of_its_own_keeps_its_frame(cameras):
     found = again(other, rigs)
     assert found.calibration is None
     assert found.reason
+
+
+def test_a_refused_frame_of_another_camera_is_not_taken(cameras):
+    """A camera of the run nearly fits an arc and a touchline of one that stands lower, which alone leave zoom and
+    distance open.
+    """
+    rigs, _, view, _ = cameras
+    rng = np.random.default_rng(1)
+    main = rigs[0]
+    for height, is_taken in ((1.0, True), (0.85, False)):
+        other = replace(view, position_m=view.position_m * (1.0, 1.0, height))
+        far = line_points(other, TEMPLATE, "side_line_top", 60, 0.3, rng)
+        seen = seen_by(other, rng, line=False, share=0.5)
+        found = again(RigFrame("x", replace(seen, lines=(far,)), None, None), [main])
+        assert (found.rig is main) is is_taken, (height, found.reason)
+        assert is_taken or "worse than a camera of its own" in found.reason
 
 
 def test_no_camera_no_change(cameras):
