@@ -50,6 +50,7 @@ class Profile(StrEnum):
     RINK = "rink"
     COURT = "court"
     ROBOTS = "robots"
+    CUT = "cut"
 
 
 class Clips(StrEnum):

@@ -52,6 +52,18 @@ def stretch(camera: Camera, width: int, height: int) -> Camera:
     )
 
 
+def cut_out(camera: Camera, first_px: tuple[int, int], width: int, height: int) -> Camera:
+    """A view of which a part is kept, from a column and a row on; the lens points where it did."""
+    share = width / camera.width
+    return replace(
+        camera,
+        width=width,
+        height=height,
+        principal_point_px=camera.principal_point_px - first_px,
+        kappa=camera.kappa * (share**2, share**4),
+    )
+
+
 def _resize(image: Picture, truth: Truth, size: tuple[int, int]) -> tuple[Picture, Truth]:
     scale = np.array([size[0] / truth.camera.width, size[1] / truth.camera.height])
     larger = cv2.resize(image, size, interpolation=cv2.INTER_CUBIC if scale[0] > 1 else cv2.INTER_AREA)

@@ -14,7 +14,7 @@ from circlecal.geometry.surface import Surface
 from circlecal.synthetic.alterations import ALTERATIONS
 from circlecal.synthetic.cameras import sample_camera
 from circlecal.synthetic.decals import Decal, floor_decals, grass_decals, rink_decals
-from circlecal.synthetic.delivery import stretch
+from circlecal.synthetic.delivery import cut_out, stretch
 from circlecal.synthetic.figures import body_extent_px
 from circlecal.synthetic.floors import hall_paint, old_circle_paint, rink_paint, rugby_paint, second_sport_paint
 from circlecal.synthetic.looks import archive_format, sample_config, sample_delivery
@@ -59,6 +59,7 @@ SceneProfile = Literal[
     "rink",
     "court",
     "robots",
+    "cut",
 ]
 SCENE_PROFILES: tuple[SceneProfile, ...] = get_args(SceneProfile)
 PROFILE_BY_NAME: dict[str, SceneProfile] = {profile: profile for profile in SCENE_PROFILES}
@@ -113,6 +114,7 @@ _SETTINGS: dict[str, _Setting] = {
     "world_banners": _world("broadcast", "broadcast", "main", "partial"),
     "world_ends": _world("broadcast"),
     "world_paint": _world("broadcast", "broadcast", "main", "partial"),
+    "cut": _Setting(("broadcast", "broadcast", "main")),
     "altered": _Setting(("broadcast", "broadcast", "main", "partial", "tactical")),
 }
 LENGTH_M, WIDTH_M = (90.0, 120.0), (45.0, 90.0)
@@ -120,6 +122,8 @@ LENGTH_M, WIDTH_M = (90.0, 120.0), (45.0, 90.0)
 _FLAT_SHARE = 0.5
 """Of the fields of any size: artificial turf is laid flat."""
 _RUGBY_SHARE = 0.5
+_KEPT_SHARE = (0.55, 0.85)
+"""Of the width and of the height, each by itself, of a picture that is cut."""
 _MOST_PLAYERS = {"ice-hockey": 12, "ice-hockey-nhl": 12, "basketball-nba": 12, "futsal": 9}
 
 
@@ -160,6 +164,7 @@ def sample_scene(
         ``"world_..."``: fields of any size that the Laws allow, flat or crowned, with the whole circle, a part of it,
         with banners over the picture, with players at the ends of lines, with the lines of a second sport and a circle
         that was painted anew. ``"altered"``: pictures that no camera took (:mod:`circlecal.synthetic.alterations`).
+        ``"cut"``: a part of a picture of the size asked for.
     rng : Generator
         Randomness.
     width, height : int
@@ -190,6 +195,9 @@ def sample_scene(
     view = setting.views[int(rng.random() * len(setting.views))]
     camera = sample_camera(view, rng, *size, field, kappa=kappa, surface=surface)
     camera = camera if stored == size else stretch(camera, *stored)
+    if profile == "cut":
+        camera = _cut(camera, rng)
+        stored = camera.width, camera.height
     config = sample_config(profile, rng, stored[0])
     players = robots(field, rng) if profile == "robots" else players_in_view(profile, camera, field, surface, rng)
     if profile == "world_ends":
@@ -216,6 +224,13 @@ def sample_scene(
         alteration=ALTERATIONS[rng.integers(len(ALTERATIONS))] if profile == "altered" else "",
         painted=displace_markings(field, rng),
     )
+
+
+def _cut(camera: Camera, rng: np.random.Generator) -> Camera:
+    whole = np.array([camera.width, camera.height])
+    width, height = np.round(rng.uniform(*_KEPT_SHARE, 2) * whole).astype(int).tolist()
+    x, y = np.floor(rng.random(2) * (whole - (width, height) + 1)).astype(int).tolist()
+    return cut_out(camera, (x, y), width, height)
 
 
 def render_frame(

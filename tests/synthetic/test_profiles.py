@@ -11,6 +11,7 @@ from circlecal.geometry.surface import FLAT
 from circlecal.synthetic.alterations import ALTERATIONS, alter
 from circlecal.synthetic.cameras import aim_camera, inside_frame
 from circlecal.synthetic.decals import Decal, draw_decals, plain
+from circlecal.synthetic.delivery import cut_out
 from circlecal.synthetic.floors import rink_paint, rugby_paint
 from circlecal.synthetic.goals import draw_goals
 from circlecal.synthetic.looks import sample_config
@@ -85,6 +86,24 @@ def test_paint_lies_on_the_projected_circle(rendering):
             off_px.append(abs(np.sum(high * OFFSETS_PX) / np.sum(high)))
     # players and other markings stand in some quarters
     assert np.median(off_px) < 0.3
+
+
+def test_a_part_of_a_picture_points_beside_its_middle():
+    for seed in range(4):
+        scene = sample_scene("cut", np.random.default_rng(seed), *SIZE)
+        width, height = scene.camera.width, scene.camera.height
+        assert (0.54 * SIZE[0] < width < 0.86 * SIZE[0]) and (0.54 * SIZE[1] < height < 0.86 * SIZE[1])
+        # the middle of the whole picture lies as far from its first pixel as that is cut off
+        first = (np.array(SIZE) - 1) / 2 - scene.camera.principal_point_px
+        assert (first >= -1e-9).all() and (first + np.array([width, height]) <= np.array(SIZE) + 1e-9).all()
+
+
+def test_a_cut_view_sees_every_point_where_the_whole_one_did():
+    whole = sample_scene("broadcast", np.random.default_rng(3), *SIZE).camera
+    part = cut_out(replace(whole, kappa=np.array([0.04, 0.01])), (120, 80), 600, 400)
+    points = np.array([[0.0, 0.0, 0.0], [9.0, 3.0, 0.0], [-9.0, -3.0, 0.0], [20.0, -20.0, 0.0]])
+    expected = replace(whole, kappa=np.array([0.04, 0.01])).project(points) - (120, 80)
+    np.testing.assert_allclose(part.project(points), expected, atol=1e-9)
 
 
 def test_truth_of_the_delivered_picture(rendering):
