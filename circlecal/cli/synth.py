@@ -84,7 +84,7 @@ def synth(
             "--profile",
             "-p",
             metavar="NAME",
-            help=f"What the frames show, or the look of clips; repeatable: {', '.join(Profile)}. (default: all)",
+            help=f"What the frames show, repeatable, or the look of clips: {', '.join(Profile)}. (default: all)",
         ),
     ] = None,
     size: Annotated[
@@ -112,11 +112,15 @@ def synth(
 ) -> None:
     """Render frames or clips of a synthetic match with exact truth, for tests and training."""
     from circlecal.cli import console
+    from circlecal.errors import InputError
     from circlecal.synthetic.dataset import write_dataset
 
+    if video is None and (interlaced or surface is not None):
+        raise InputError("--interlaced and --surface are of clips; give --video too")
     if video is not None:
+        count = 1 if count is None else count
         _write_clips(
-            out, count or 1, seed, video, size or "1280x720", seconds, rate, profile, surface, interlaced=interlaced
+            out, count, seed, video, size or "1280x720", seconds, rate, profile, surface, interlaced=interlaced
         )
         return
     count, size = 12 if count is None else count, size or "1920x1080"
@@ -140,10 +144,13 @@ def _write_clips(
     interlaced: bool,
 ) -> None:
     from circlecal.cli import console
+    from circlecal.errors import InputError
     from circlecal.synthetic.clip_files import require_clips, write_clips
     from circlecal.synthetic.clip_plans import kinds_of
     from circlecal.synthetic.video import CLIP_KINDS, ClipSpec
 
+    if profile is not None and len(profile) > 1:
+        raise InputError("--profile: clips have one look; give one")
     width, height = options.parse_size(size)
     spec = ClipSpec(width=width, height=height, seconds=seconds, rate=rate, interlaced=interlaced)
     if profile:
