@@ -44,12 +44,12 @@ def convert(
     from circlecal.records.parquet import PARQUET_FORMAT, PARQUET_NAME, write_parquet
 
     console.configure_logging(quiet=quiet, verbose=verbose)
+    if bool(inputs) != (to is not None) or not (inputs or labels):
+        raise InputError("convert takes files and --to FORMAT, or --labels PROGRAM; see circlecal convert --help")
     if labels is not None:
         _write_label_set(labels, out, settings, field, quiet=quiet)
     if not inputs or to is None:
-        if labels is not None and not inputs:
-            return
-        raise InputError("convert takes files and --to FORMAT, or --labels PROGRAM; see circlecal convert --help")
+        return
     require_format(to, {**conversion_formats(), PARQUET_FORMAT: None}, "--to", "format that can be written")
     if to == PARQUET_FORMAT:
         records = chain.from_iterable(map(read_records, inputs))
