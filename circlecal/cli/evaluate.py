@@ -38,7 +38,7 @@ def evaluate(
         typer.Option(
             "--pred-size",
             metavar="WIDTHxHEIGHT",
-            help="Size for which the cameras were made. (default: twice the principal point)",
+            help="Size for which the cameras were made. (default: what a file says, or twice the principal point)",
         ),
     ] = None,
     central: Annotated[
