@@ -228,6 +228,8 @@ def test_a_map_without_a_size(good, size):
 def test_arguments_of_another_kind(frame_image):
     with pytest.raises(TypeError, match="an array or a path, not NoneType"):
         circlecal.calibrate(None)
+    with pytest.raises(TypeError, match="config takes a Config, a name or a file"):
+        circlecal.calibrate(frame_image, {"camera": {}})
     with pytest.raises(TypeError, match="set takes a mapping"):
         circlecal.calibrate(frame_image, set="seed=3")
     with pytest.raises(InputError, match="width and height of the picture"):

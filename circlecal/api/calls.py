@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from os import PathLike
 from pathlib import Path
 from typing import Any, get_args
 
@@ -368,7 +369,11 @@ def configure(config: Config | str | Path | None, field: str | Path | None, sett
     ------
     ConfigError
         As :func:`circlecal.config.load_config`.
+    TypeError
+        A configuration or settings of another kind.
     """
+    if config is not None and not isinstance(config, Config | str | PathLike):
+        raise TypeError(f"config takes a Config, a name or a file, not {config!r}; set takes single options")
     if settings is not None and not isinstance(settings, Mapping):
         raise TypeError(f"set takes a mapping such as {{'camera.roll_sd_deg': 1}}, not {settings!r}")
     chosen = dict(settings or {}) | ({} if field is None else {"field.template": str(field)})
