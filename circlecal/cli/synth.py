@@ -75,7 +75,8 @@ class Shape(StrEnum):
 def synth(
     out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder for the frames or clips, masks and truth.")],
     count: Annotated[
-        int | None, typer.Option("--count", "-n", help="Number of frames, or of clips. (default: 12, or 1)")
+        int | None,
+        typer.Option("--count", "-n", help="Number of frames, or of clips. (default: 12, or one clip of each kind)"),
     ] = None,
     seed: Annotated[int, typer.Option("--seed", help="Seed; a frame depends on it and on its number only.")] = 0,
     profile: Annotated[
@@ -118,7 +119,6 @@ def synth(
     if video is None and (interlaced or surface is not None):
         raise InputError("--interlaced and --surface are of clips; give --video too")
     if video is not None:
-        count = 1 if count is None else count
         _write_clips(
             out, count, seed, video, size or "1280x720", seconds, rate, profile, surface, interlaced=interlaced
         )
@@ -132,7 +132,7 @@ def synth(
 
 def _write_clips(
     out: Path,
-    count: int,
+    count: int | None,
     seed: int,
     kind: Clips,
     size: str,
@@ -157,8 +157,9 @@ def _write_clips(
         spec = replace(spec, look=profile[0].value)
     if surface is not None:
         spec = replace(spec, surface=surface.value)
-    require_clips(count, seed, spec)
     kinds = kinds_of(spec.look) if kind == Clips.ALL else [name for name in CLIP_KINDS if name == kind.value]
+    count = len(kinds) if count is None else count
+    require_clips(count, seed, spec)
     with _progress(count * round(seconds * rate)) as report:
         ids = write_clips(out, count, seed, spec, kinds, report=report)
     console.print_line(f"{len(ids)} clip{'s' * (len(ids) != 1)} written to {out}")
