@@ -140,13 +140,15 @@ def read_table(lines: Iterable[str], name: str, columns: Sequence[str]) -> Itera
     Raises
     ------
     InputError
-        A column is missing, or the lines are no table.
+        A column is missing or there twice, or the lines are no table.
     """
     table = csv.DictReader(lines, restval="")
     try:
-        missing = [column for column in columns if column not in (table.fieldnames or ())]
-        if missing:
-            raise InputError(f"{name}, line 1: has no column {missing[0]!r}; name the columns {', '.join(columns)}")
+        named = table.fieldnames or ()
+        wrong = next((column for column in columns if named.count(column) != 1), None)
+        if wrong is not None:
+            what = f"has {'two columns' if wrong in named else 'no column'} {wrong!r}"
+            raise InputError(f"{name}, line 1: {what}; name the columns {', '.join(columns)}, separated by commas")
         for row in table:
             yield table.line_num, {column: row[column] for column in columns}
     except csv.Error as error:

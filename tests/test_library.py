@@ -2,6 +2,8 @@
 
 import json
 import pickle
+from collections.abc import Sequence
+from typing import Any, get_args, get_type_hints
 
 import cv2
 import numpy as np
@@ -226,6 +228,8 @@ def test_a_map_without_a_size(good, size):
 def test_arguments_of_another_kind(frame_image):
     with pytest.raises(TypeError, match="an array or a path, not NoneType"):
         circlecal.calibrate(None)
+    with pytest.raises(TypeError, match="config takes a Config, a name or a file"):
+        circlecal.calibrate(frame_image, {"camera": {}})
     with pytest.raises(TypeError, match="set takes a mapping"):
         circlecal.calibrate(frame_image, set="seed=3")
     with pytest.raises(InputError, match="width and height of the picture"):
@@ -564,11 +568,25 @@ def test_a_run_as_a_table(run_folder):
     assert rows["blank"]["status"] == "refused"
 
 
-@pytest.mark.parametrize("name", ["none.json", "none.jsonl", "folder"])
+@pytest.mark.parametrize("name", ["none.json", "none.jsonl", "folder", "others"])
 def test_nothing_to_load(tmp_path, name):
     (tmp_path / "folder").mkdir()
+    (tmp_path / "others").mkdir()
+    (tmp_path / "others" / "x.json").write_text("{}")
     with pytest.raises(InputError, match="give"):
         circlecal.load(tmp_path / name)
+
+
+def test_types_are_those_of_what_users_write():
+    """A list of lists of which some hold whole numbers is one of objects, and a loop over a run needs no cast."""
+    taken = {
+        circlecal.Calibration.to_field: "points_px",
+        circlecal.Calibration.to_image: "points_m",
+        circlecal.calibrate_points: "circle",
+    }
+    for call, name in taken.items():
+        assert Sequence[object] in get_args(get_type_hints(call)[name])
+    assert get_type_hints(circlecal.load)["return"] is Any
 
 
 def test_a_damaged_result(tmp_path):

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from circlecal import overlay
 from circlecal.api.notebook import show_record
@@ -20,7 +20,7 @@ from circlecal.files import is_folder
 from circlecal.formats.exports import Exports
 from circlecal.formats.registry import calibration_formats, require_format
 from circlecal.geometry.camera import Camera
-from circlecal.geometry.projective import Array
+from circlecal.geometry.projective import Array, PointsLike
 from circlecal.names import as_stem
 from circlecal.pictures.files import as_bgr, read_image
 from circlecal.pictures.video import pictures_at
@@ -142,12 +142,12 @@ class Calibration:
     # --- between picture and field
 
     @overload
-    def to_image(self, points_m: ArrayLike, sigma: Literal[False] = False) -> Array: ...
+    def to_image(self, points_m: PointsLike, sigma: Literal[False] = False) -> Array: ...
 
     @overload
-    def to_image(self, points_m: ArrayLike, sigma: Literal[True]) -> SurePoints: ...
+    def to_image(self, points_m: PointsLike, sigma: Literal[True]) -> SurePoints: ...
 
-    def to_image(self, points_m: ArrayLike, sigma: bool = False) -> Array | SurePoints:
+    def to_image(self, points_m: PointsLike, sigma: bool = False) -> Array | SurePoints:
         """Where points of the field are seen, through lens and surface.
 
         Parameters
@@ -167,7 +167,7 @@ class Calibration:
         """
         return self._answer(points_m, None if self.view is None else self.view.project, sigma, (2, 3))
 
-    def image_covariance(self, points_m: ArrayLike) -> Array:
+    def image_covariance(self, points_m: PointsLike) -> Array:
         """Covariances (..., 2, 2), pixels squared, of where field points (..., 2) are seen; nan where not known.
 
         ``to_image(points_m, sigma=True).sigma`` is the root of their traces.
@@ -175,7 +175,7 @@ class Calibration:
         points = _points(points_m)
         return np.full((*points.shape, 2), np.nan) if self.view is None else self.view.image_covariance(points)
 
-    def field_covariance(self, points_px: ArrayLike) -> Array:
+    def field_covariance(self, points_px: PointsLike) -> Array:
         """Covariances (..., 2, 2), square metres, of the field points seen at pixels (..., 2); nan where not known.
 
         ``to_field(points_px, sigma=True).sigma`` is the root of their traces.
@@ -184,12 +184,12 @@ class Calibration:
         return np.full((*points.shape, 2), np.nan) if self.view is None else self.view.field_covariance(points)
 
     @overload
-    def to_field(self, points_px: ArrayLike, sigma: Literal[False] = False) -> Array: ...
+    def to_field(self, points_px: PointsLike, sigma: Literal[False] = False) -> Array: ...
 
     @overload
-    def to_field(self, points_px: ArrayLike, sigma: Literal[True]) -> SurePoints: ...
+    def to_field(self, points_px: PointsLike, sigma: Literal[True]) -> SurePoints: ...
 
-    def to_field(self, points_px: ArrayLike, sigma: bool = False) -> Array | SurePoints:
+    def to_field(self, points_px: PointsLike, sigma: bool = False) -> Array | SurePoints:
         """What points of the field are seen at pixels, such as where the feet of players are.
 
         Parameters
@@ -208,7 +208,7 @@ class Calibration:
         return self._answer(points_px, None if self.view is None else self.view.to_field, sigma)
 
     @staticmethod
-    def _answer(points: ArrayLike, convert: Any, sigma: bool, entries: tuple[int, ...] = (2,)) -> Array | SurePoints:
+    def _answer(points: PointsLike, convert: Any, sigma: bool, entries: tuple[int, ...] = (2,)) -> Array | SurePoints:
         given = _points(points, entries)
         if convert is None:
             nowhere = np.full((*given.shape[:-1], 2), np.nan)
@@ -508,7 +508,7 @@ class Calibration:
         return show_record(self._record, self.overlay(image) if is_at_hand else None)
 
 
-def _points(points: ArrayLike, entries: tuple[int, ...] = (2,)) -> Array:
+def _points(points: PointsLike, entries: tuple[int, ...] = (2,)) -> Array:
     given = np.asarray(points, dtype=np.float64)
     given = given.reshape(0, 2) if given.shape == (0,) else given  # a frame without players
     if given.ndim == 0 or given.shape[-1] not in entries:

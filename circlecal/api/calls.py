@@ -5,11 +5,12 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from os import PathLike
 from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from circlecal import results
 from circlecal.api.calibration import Calibration
@@ -20,6 +21,7 @@ from circlecal.formats.annotation import Annotation
 from circlecal.formats.inputs import observations_beside, observe_network
 from circlecal.formats.meaning import REFERENCE_WIDTH_PX, observe
 from circlecal.formats.shapes import AnnotatedFrame, Shape
+from circlecal.geometry.projective import PointsLike
 from circlecal.observations import Keypoint, Observations, join_observations
 from circlecal.pictures.files import PictureFile, as_bgr, read_image
 from circlecal.pictures.masks import as_class_ids, read_mask
@@ -28,7 +30,7 @@ from circlecal.pipeline import Convention, apply_convention, calibrate_image, fi
 from circlecal.records.writing import result_record
 from circlecal.refusals import REFUSALS
 
-Points = Mapping[Any, ArrayLike]
+Points = Mapping[Any, PointsLike]
 """Pixels by the name of a marking or point of the field, or by a field point in metres."""
 Settings = Mapping[str, Any]
 """Options by ``"section.key"``."""
@@ -248,8 +250,8 @@ def suit_annotation(config: Config, annotation: Annotation) -> Config:
 def calibrate_points(
     *,
     size: tuple[int, int],
-    circle: ArrayLike | Mapping[str, ArrayLike] | None = None,
-    lines: Mapping[str, ArrayLike] | None = None,
+    circle: PointsLike | Mapping[str, PointsLike] | None = None,
+    lines: Mapping[str, PointsLike] | None = None,
     keypoints: Points | None = None,
     sigma_px: float | None = None,
     convention: Convention = "official",
@@ -298,7 +300,7 @@ def calibrate_points(
         raise InputError(f"convention: {convention!r} is neither {' nor '.join(map(repr, get_args(Convention)))}")
     template, seen = field_of(chosen)
     if circle is None:
-        circles: Mapping[str, ArrayLike] = {}
+        circles: Mapping[str, PointsLike] = {}
     else:
         circles = circle if isinstance(circle, Mapping) else {seen.name: circle}
     given: Points = {**circles, **(lines or {}), **(keypoints or {})}
@@ -367,7 +369,11 @@ def configure(config: Config | str | Path | None, field: str | Path | None, sett
     ------
     ConfigError
         As :func:`circlecal.config.load_config`.
+    TypeError
+        A configuration or settings of another kind.
     """
+    if config is not None and not isinstance(config, Config | str | PathLike):
+        raise TypeError(f"config takes a Config, a name or a file, not {config!r}; set takes single options")
     if settings is not None and not isinstance(settings, Mapping):
         raise TypeError(f"set takes a mapping such as {{'camera.roll_sd_deg': 1}}, not {settings!r}")
     chosen = dict(settings or {}) | ({} if field is None else {"field.template": str(field)})

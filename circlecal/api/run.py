@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Any, overload
 
 from circlecal.api.calibration import Calibration
+from circlecal.errors import InputError
 from circlecal.field import FieldTemplate, load_field
 from circlecal.files import is_folder
 from circlecal.records.json_text import GIVE_A_RESULT, parse_record, read_result
-from circlecal.records.log import Place, find_results, is_log, read_records, scan_records
+from circlecal.records.log import RESULTS_NAME, Place, find_results, is_log, read_records, scan_records
 from circlecal.records.parquet import table_row
 from circlecal.records.record import ResultRecord, ResultRow
 
@@ -76,7 +77,7 @@ class Run(Sequence[Calibration]):
         return f"Run({str(self.path)!r}, {len(self)} frames)"
 
 
-def load(path: str | Path, field: str | Path | None = None) -> Calibration | Any:
+def load(path: str | Path, field: str | Path | None = None) -> Any:
     """Read a result file, or open the results of a run.
 
     Parameters
@@ -90,7 +91,8 @@ def load(path: str | Path, field: str | Path | None = None) -> Calibration | Any
     Returns
     -------
     Calibration or Run
-        A run is a sequence of calibrations that reads each when it is asked for.
+        A run is a sequence of calibrations that reads each when it is asked for. Which of the two it is only the file
+        tells, so type checkers take it for either.
 
     Raises
     ------
@@ -102,7 +104,12 @@ def load(path: str | Path, field: str | Path | None = None) -> Calibration | Any
     file = Path(path)
     if field is not None:
         load_field(field)
-    if is_log(file) or (is_folder(file) and find_results(file)):
+    if is_folder(file):
+        is_run = find_results(file)[0].name == RESULTS_NAME
+        if not is_run and next(scan_records(file, ResultRow), None) is None:
+            raise InputError(f"{file}: holds no results; give the --out folder of circlecal batch, track or calibrate")
+        return Run(file, field)
+    if is_log(file):
         return Run(file, field)
     record = read_result(file)
     return Calibration(record, _load_own_field(field, record))

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from circlecal.field import FieldTemplate
 from circlecal.field.view import FieldView
-from circlecal.geometry.projective import Array
+from circlecal.geometry.projective import Array, PointsLike
 
 
 class ViewTransformer:
@@ -43,7 +42,7 @@ class ViewTransformer:
             own = np.array([template.length_m, template.width_m]) + (0.0 if view is None else view.growth_m)
             self._scale, self._origin_m = np.asarray(size, dtype=np.float64) / own, -own / 2.0
 
-    def transform_points(self, points: ArrayLike) -> Array:
+    def transform_points(self, points: PointsLike) -> Array:
         """Places (N, 2) on the map of what is seen at pixels (N, 2); nan where that is no point of the field.
 
         Raises

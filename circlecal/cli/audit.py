@@ -43,7 +43,7 @@ def audit(
     ] = "annotations",
     settings: options.Settings = None,
     as_json: options.Json = False,
-    quiet: options.Quiet = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Leave out the table of the frames.")] = False,
 ) -> None:
     """Distance from the imaged centre to the lines through opposed keypoints of the circle."""
     from circlecal.cli import console

@@ -35,21 +35,30 @@ def convert(
     """Rewrite annotations as annotations and cameras as cameras of another program, without calibrating."""
     from circlecal.cli import console
     from circlecal.errors import InputError
+    from circlecal.formats.exports import conversion_formats
     from circlecal.formats.exports import convert as convert_files
     from circlecal.formats.inputs import find_convertible
+    from circlecal.formats.registry import require_format
     from circlecal.pipeline import field_of
     from circlecal.records.log import read_records
     from circlecal.records.parquet import PARQUET_FORMAT, PARQUET_NAME, write_parquet
 
     console.configure_logging(quiet=quiet, verbose=verbose)
+    if bool(inputs) != (to is not None) or not (inputs or labels):
+        raise InputError("convert takes files and --to FORMAT, or --labels PROGRAM; see circlecal convert --help")
     if labels is not None:
         _write_label_set(labels, out, settings, field, quiet=quiet)
     if not inputs or to is None:
-        if labels is not None and not inputs:
-            return
-        raise InputError("convert takes files and --to FORMAT, or --labels PROGRAM; see circlecal convert --help")
+        return
+    require_format(to, {**conversion_formats(), PARQUET_FORMAT: None}, "--to", "format that can be written")
     if to == PARQUET_FORMAT:
-        written = write_parquet(chain.from_iterable(map(read_records, inputs)), out / PARQUET_NAME)
+        records = chain.from_iterable(map(read_records, inputs))
+        first = next(records, None)
+        if first is None:
+            raise InputError(
+                f"{inputs[0]}: holds no frame; give the --out folder of circlecal batch, track or calibrate"
+            )
+        written = write_parquet(chain([first], records), out / PARQUET_NAME)
         if not quiet:
             console.print_line(str(written))
         return

@@ -21,7 +21,7 @@ def evaluate(
         Path,
         typer.Argument(
             metavar="GT",
-            help="Folder of SoccerNet line annotations, of true cameras (camera_<id>.json), or of *.homographyMatrix.",
+            help="Folder of SoccerNet line annotations, or of true cameras: all that PRED may be, and truth of synth.",
         ),
     ],
     predictions: Annotated[
@@ -38,7 +38,7 @@ def evaluate(
         typer.Option(
             "--pred-size",
             metavar="WIDTHxHEIGHT",
-            help="Size for which the cameras were made. (default: twice the principal point)",
+            help="Size for which the cameras were made. (default: what a file says, or twice the principal point)",
         ),
     ] = None,
     central: Annotated[
@@ -56,14 +56,17 @@ def evaluate(
 ) -> None:
     """Score cameras with the official SoccerNet metric, or against true cameras with the WorldCup metrics."""
     from circlecal.cli import console
-    from circlecal.evaluation.reading import holds_homographies
+    from circlecal.errors import InputError
+    from circlecal.evaluation.reading import holds_cameras
     from circlecal.evaluation.report import as_record, evaluate_annotations, evaluate_truth
 
     methods = _methods(predictions, compare or [])
     chosen, given = options.parse_size(size), options.parse_size(pred_size, "--pred-size")
-    if holds_homographies(truth):
+    if holds_cameras(truth):
+        if central or held_out:
+            raise InputError(f"{truth}: holds cameras; --central and --held-out need line annotations")
         against_truth = evaluate_truth(truth, methods, given)
-        _note_silent_methods({r.name: (r.answered, r.frames) for r in against_truth}, methods, truth)
+        _require_answers({r.name: (r.answered, r.frames) for r in against_truth}, methods, truth)
         if as_json:
             console.print_json(json.dumps({"size": "1280x720", "methods": [as_record(r) for r in against_truth]}))
         else:
@@ -72,7 +75,7 @@ def evaluate(
     reports = evaluate_annotations(
         truth, methods, chosen, threshold_px=threshold, given_size=given, central=central, held_out=held_out or ()
     )
-    _note_silent_methods({r.name: (r.summary.answered, r.summary.frames) for r in reports}, methods, truth)
+    _require_answers({r.name: (r.summary.answered, r.summary.frames) for r in reports}, methods, truth)
     if as_json:
         record = {"size": size, "threshold_px": threshold, "methods": [as_record(r) for r in reports]}
         console.print_json(json.dumps(record))
@@ -96,14 +99,27 @@ def _methods(predictions: Path, compare: Sequence[str]) -> dict[str, Path]:
     return methods
 
 
-def _note_silent_methods(answers: Mapping[str, tuple[int, int]], methods: Mapping[str, Path], truth: Path) -> None:
-    """Say of methods that answer no frame how files are told to be of one: mostly these are of other frames."""
-    from circlecal.cli import console
+def _require_answers(answers: Mapping[str, tuple[int, int]], methods: Mapping[str, Path], truth: Path) -> None:
+    """Say of methods that answer no frame how files are told to be of one: mostly these are of other frames.
 
-    for name, (answered, frames) in answers.items():
-        if answered == 0:
-            told = f"{methods[name]}: has a camera for none of the {console.count_of(frames, 'frame')} of {truth}"
-            console.print_note(f"{told}; files are of one frame where their names agree")
+    Raises
+    ------
+    InputError
+        No method answers any.
+    """
+    from circlecal.cli import console
+    from circlecal.errors import InputError
+
+    silent = [
+        f"{methods[name]}: has a camera for none of the {console.count_of(frames, 'frame')} of {truth}; files are of "
+        "one frame where their names agree"
+        for name, (answered, frames) in answers.items()
+        if answered == 0
+    ]
+    if len(silent) == len(answers):
+        raise InputError(silent[0])
+    for told in silent:
+        console.print_note(told)
 
 
 def print_methods(title: str, reports: Sequence[MethodReport], threshold: float) -> None:

@@ -315,9 +315,12 @@ def choose_exports(targets: Sequence[str] | None, eval_size: str | None) -> Expo
     InputError, MissingExtraError
         An unknown format or no size; Parquet without its library.
     """
+    from circlecal.formats.registry import calibration_formats, require_format
     from circlecal.records.parquet import PARQUET_FORMAT, require_parquet
 
     named = tuple(targets or ())
+    for name in named:
+        require_format(name, {**calibration_formats(), PARQUET_FORMAT: None}, "--to", "format that can be written")
     if PARQUET_FORMAT in named:
         require_parquet()
     others = tuple(name for name in named if name != PARQUET_FORMAT)

@@ -76,7 +76,8 @@ class Shape(StrEnum):
 def synth(
     out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder for the frames or clips, masks and truth.")],
     count: Annotated[
-        int | None, typer.Option("--count", "-n", help="Number of frames, or of clips. (default: 12, or 1)")
+        int | None,
+        typer.Option("--count", "-n", help="Number of frames, or of clips. (default: 12, or one clip of each kind)"),
     ] = None,
     seed: Annotated[int, typer.Option("--seed", help="Seed; a frame depends on it and on its number only.")] = 0,
     profile: Annotated[
@@ -85,7 +86,7 @@ def synth(
             "--profile",
             "-p",
             metavar="NAME",
-            help=f"What the frames show, or the look of clips; repeatable: {', '.join(Profile)}. (default: all)",
+            help=f"What the frames show, repeatable, or the look of clips: {', '.join(Profile)}. (default: all)",
         ),
     ] = None,
     size: Annotated[
@@ -113,11 +114,14 @@ def synth(
 ) -> None:
     """Render frames or clips of a synthetic match with exact truth, for tests and training."""
     from circlecal.cli import console
+    from circlecal.errors import InputError
     from circlecal.synthetic.dataset import write_dataset
 
+    if video is None and (interlaced or surface is not None):
+        raise InputError("--interlaced and --surface are of clips; give --video too")
     if video is not None:
         _write_clips(
-            out, count or 1, seed, video, size or "1280x720", seconds, rate, profile, surface, interlaced=interlaced
+            out, count, seed, video, size or "1280x720", seconds, rate, profile, surface, interlaced=interlaced
         )
         return
     count, size = 12 if count is None else count, size or "1920x1080"
@@ -129,7 +133,7 @@ def synth(
 
 def _write_clips(
     out: Path,
-    count: int,
+    count: int | None,
     seed: int,
     kind: Clips,
     size: str,
@@ -141,18 +145,22 @@ def _write_clips(
     interlaced: bool,
 ) -> None:
     from circlecal.cli import console
+    from circlecal.errors import InputError
     from circlecal.synthetic.clip_files import require_clips, write_clips
     from circlecal.synthetic.clip_plans import kinds_of
     from circlecal.synthetic.video import CLIP_KINDS, ClipSpec
 
+    if profile is not None and len(profile) > 1:
+        raise InputError("--profile: clips have one look; give one")
     width, height = options.parse_size(size)
     spec = ClipSpec(width=width, height=height, seconds=seconds, rate=rate, interlaced=interlaced)
     if profile:
         spec = replace(spec, look=profile[0].value)
     if surface is not None:
         spec = replace(spec, surface=surface.value)
-    require_clips(count, seed, spec)
     kinds = kinds_of(spec.look) if kind == Clips.ALL else [name for name in CLIP_KINDS if name == kind.value]
+    count = len(kinds) if count is None else count
+    require_clips(count, seed, spec)
     with _progress(count * round(seconds * rate)) as report:
         ids = write_clips(out, count, seed, spec, kinds, report=report)
     console.print_line(f"{len(ids)} clip{'s' * (len(ids) != 1)} written to {out}")

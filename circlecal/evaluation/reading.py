@@ -5,21 +5,34 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from circlecal.errors import InputError
 from circlecal.evaluation.soccernet_metric import CLASSES, MetricCamera, PlaneHomography, Projector
 from circlecal.field import load_field
+from circlecal.field.view import FieldView
 from circlecal.files import is_file, is_folder
 from circlecal.formats import soccernet, soccernet_camera
 from circlecal.formats.cameras import CalibratedFrame, CameraFrame, Size
-from circlecal.formats.format import CameraFormat, parse_content
+from circlecal.formats.format import (
+    AnnotationFormat,
+    Bounded,
+    CameraFormat,
+    Content,
+    FileModel,
+    Focal,
+    Format,
+    Side,
+    parse_content,
+)
 from circlecal.formats.registry import RESULT, open_file
 from circlecal.formats.soccernet_camera import CameraKeys
 from circlecal.formats.worldcup import SUFFIX as MATRIX_SUFFIX
 from circlecal.geometry.camera import rotation_matrix
 from circlecal.geometry.projective import Array
+from circlecal.geometry.surface import Surface, SurfaceShape
 from circlecal.records.json_text import read_result
 from circlecal.records.log import is_log, read_records
 from circlecal.records.record import ResultRecord
@@ -48,6 +61,23 @@ class Prediction:
     H_image_field: Array | None = None
 
 
+class _FrameTruth(FileModel):
+    """What ``circlecal synth`` writes beside a frame, as far as it is read."""
+
+    id: str
+    width: Side
+    height: Side
+    field: str
+    expect: Literal["calibrate", "refuse"]
+    camera: CameraKeys
+    crown_m: Bounded
+    crown_shape: SurfaceShape
+    crown_reference_m: Focal
+
+
+_TRUTH = Format(name="circlecal synth", recognises=lambda c: c.mapping.keys() >= {"expect", "camera", "crown_m"})
+
+
 def read_annotated_points(folder: Path, size: Size) -> dict[str, Annotated]:
     """Annotated points (N, 2) in pixels at ``size``, by frame and class; empty classes are left out.
 
@@ -59,7 +89,7 @@ def read_annotated_points(folder: Path, size: Size) -> dict[str, Annotated]:
     files = [path for path in _files(folder, (".json",)) if not path.name.startswith(("camera_", "extremities_"))]
     found: dict[str, Annotated] = {}
     for path in files:
-        known, content = open_file(path, "soccernet")
+        known, content = open_file(path)
         if known is not soccernet.FORMAT:
             continue
         classes: dict[str, Array] = {}
@@ -74,10 +104,16 @@ def read_annotated_points(folder: Path, size: Size) -> dict[str, Annotated]:
     return found
 
 
-def holds_homographies(folder: Path) -> bool:
-    """Whether a folder of truth holds ``*.homographyMatrix`` files, or cameras, instead of annotations."""
+def holds_cameras(folder: Path) -> bool:
+    """Whether a folder of truth holds cameras, homographies or results, instead of annotations.
+
+    Raises
+    ------
+    InputError
+        No such folder, or a file of no known format.
+    """
     files = _files(folder, (".json", MATRIX_SUFFIX))
-    return bool(files) and all(path.suffix == MATRIX_SUFFIX or path.name.startswith("camera_") for path in files)
+    return all(not isinstance(_open(path)[0], AnnotationFormat) for path in files) and bool(files or _logs(folder))
 
 
 def read_predictions(folder: Path, size: Size, given_size: Size | None = None) -> dict[str, Prediction]:
@@ -86,8 +122,9 @@ def read_predictions(folder: Path, size: Size, given_size: Size | None = None) -
     Parameters
     ----------
     folder : path
-        ``camera_<id>.json``, results of circlecal (``<id>.json``, ``results.jsonl``), or
-        ``<id>.homographyMatrix``; also in subfolders.
+        ``camera_<id>.json``, results of circlecal (``<id>.json``, ``results.jsonl``), ``<id>.homographyMatrix``,
+        or the truth of frames of ``circlecal synth``; also in subfolders. Of the latter soccer frames are read in which
+        enough to calibrate is in view.
     size : (int, int)
         At which is evaluated.
     given_size : (int, int), optional
@@ -100,8 +137,10 @@ def read_predictions(folder: Path, size: Size, given_size: Size | None = None) -
     """
     found: dict[str, Prediction] = {}
     for path in _files(folder, (".json", MATRIX_SUFFIX)):
-        known, content = open_file(path)
-        if known is soccernet_camera.FORMAT:
+        known, content = _open(path)
+        if known is _TRUTH:
+            found |= _true_camera(path, parse_content(_FrameTruth, path, content.raw), size)
+        elif known is soccernet_camera.FORMAT:
             keys = parse_content(CameraKeys, path, content.raw)
             found[path.stem.removeprefix(soccernet_camera.PREFIX)] = Prediction(
                 _soccernet(path, keys, size, given_size)
@@ -110,7 +149,7 @@ def read_predictions(folder: Path, size: Size, given_size: Size | None = None) -
             found |= _further(known.read(path, content.raw, given_size), size)
         elif known is RESULT:
             found |= _own_result(read_result(path), size)
-    for log in filter(is_log, _files(folder, (".jsonl",))):
+    for log in _logs(folder):
         for record in read_records(log):
             found |= _own_result(record, size)
     if not found:
@@ -122,6 +161,24 @@ def _files(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
     if not is_folder(folder):
         raise InputError(f"{folder}: is no folder; give one with a file per frame")
     return sorted(path for path in folder.rglob("*") if path.suffix in suffixes and is_file(path))
+
+
+def _logs(folder: Path) -> list[Path]:
+    return [path for path in _files(folder, (".jsonl",)) if is_log(path)]
+
+
+def _open(path: Path) -> tuple[Format, Content]:
+    """Format and content of a file, which may be the truth of a frame of ``circlecal synth``.
+
+    Raises
+    ------
+    InputError
+        Unreadable, of no known format, or the truth of a clip.
+    """
+    content = Content.of(path)
+    if content.mapping.keys() >= {"shots", "frames", "tripod"}:
+        raise InputError(f"{path}: is the truth of a clip, which circlecal bench track compares; give that of frames")
+    return (_TRUTH, content) if _TRUTH.recognises(content) else open_file(path)
 
 
 def _soccernet(path: Path, keys: CameraKeys, size: Size, given: Size | None) -> MetricCamera:
@@ -176,14 +233,29 @@ def _further(frames: Sequence[CameraFrame], size: Size) -> dict[str, Prediction]
 
 
 def _own_result(stored: ResultRecord, size: Size) -> dict[str, Prediction]:
-    """A result of circlecal; where the surface is crowned, the flat camera nearest to what it shows."""
+    """A result of circlecal; none where it was refused."""
     template = load_field("soccer")
     frame = CalibratedFrame.of(stored, template, template.circle_by_name[template.default_circle])
-    camera = None if frame is None else frame.flat
-    if frame is None or camera is None:
+    return {} if frame is None else _flat(frame, size)
+
+
+def _true_camera(path: Path, truth: _FrameTruth, size: Size) -> dict[str, Prediction]:
+    """The camera of a rendered frame; none of a field or view that is not scored."""
+    if truth.field != "soccer" or truth.expect == "refuse":
         return {}
-    scaled = MetricCamera.from_camera(camera).resize(_factor((stored.width, stored.height), size))
-    return {stored.id: Prediction(scaled)}
+    template = load_field("soccer")
+    circle = template.circle_by_name[template.default_circle]
+    camera = truth.camera.camera(path, (truth.width, truth.height))
+    view = FieldView(camera, Surface(truth.crown_shape, truth.crown_reference_m, truth.crown_m))
+    return _flat(CalibratedFrame(truth.id, truth.width, truth.height, view, template, circle), size)
+
+
+def _flat(frame: CalibratedFrame, size: Size) -> dict[str, Prediction]:
+    """Where the surface is crowned, the flat camera nearest to what the frame shows."""
+    if frame.flat is None:
+        return {}
+    scaled = MetricCamera.from_camera(frame.flat).resize(_factor((frame.width, frame.height), size))
+    return {frame.id: Prediction(scaled)}
 
 
 def is_central(annotated: Annotated) -> bool:

@@ -352,7 +352,9 @@ def _say_what(frame: AnnotatedFrame, template: FieldTemplate, target: Annotation
 
 def _read_frames(path: Path, source: str | None, goal: _Goal) -> Sequence[AnnotatedFrame | CameraFrame]:
     """The frames of a file in the format ``source``, or what its content looks like: annotations or cameras."""
-    if goal.cameras and is_log(path):
+    if is_log(path):
+        if goal.cameras is None:
+            raise InputError(f"{path}: there is no way from a {RESULT.name} {RESULT.kind} to {goal.name}; {_pairs()}")
         records = read_records(path)
         return [camera for record in records for camera in _cameras_of_record(record, goal.cameras, goal.template)]
     found, content = open_file(path, source)
@@ -378,6 +380,11 @@ def _require_apart(written: Iterable[Path], sources: Sequence[Path]) -> None:
     over = next((path for path in written if real_path(path) in places), None)
     if over is not None:
         raise InputError(f"{over}: would be written over what it is made from; choose another --out")
+
+
+def conversion_formats() -> dict[str, AnnotationFormat | CameraFormat]:
+    """Formats that :func:`convert` writes, by name."""
+    return {**_writable_annotations(), **camera_formats()}
 
 
 def _writable_annotations() -> dict[str, AnnotationFormat]:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import atan2, cos, sin, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+PointsLike = ArrayLike | Sequence[object]
+"""Points as users write them: to type checkers ``[[1, 2], [3.5, 4]]`` is a list of objects."""
 Mask = NDArray[np.bool_]
 Indices = NDArray[np.int_]
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])

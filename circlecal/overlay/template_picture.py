@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -12,6 +12,7 @@ from circlecal.field import Arc, Circle, FieldTemplate
 from circlecal.files import write_atomic
 from circlecal.geometry.projective import Array
 from circlecal.overlay.canvas import Picture
+from circlecal.pictures.files import distinct_names
 
 LONGEST_PX, LARGEST_PX_PER_M = 1400.0, 80.0
 """Length of the longer side, pixels, and the largest scale, pixels per metre, of a short field."""
@@ -68,13 +69,13 @@ def draw_template(template: FieldTemplate) -> Picture:
     return picture
 
 
-def write_template_pictures(templates: Iterable[FieldTemplate], folder: Path) -> list[Path]:
+def write_template_pictures(templates: Sequence[FieldTemplate], folder: Path) -> list[Path]:
     """Draw templates into a folder, which is made where it is missing.
 
     Returns
     -------
     list of Path
-        ``<name>.png`` of each.
+        ``<name>.png`` of each; further ones of the same name are numbered.
 
     Raises
     ------
@@ -82,8 +83,8 @@ def write_template_pictures(templates: Iterable[FieldTemplate], folder: Path) ->
         Where the folder cannot be written to.
     """
     written = []
-    for template in templates:
-        path = folder / f"{template.name}.png"
+    for name, template in zip(distinct_names([t.name for t in templates]), templates, strict=True):
+        path = folder / f"{name}.png"
         write_atomic(path, cv2.imencode(".png", draw_template(template))[1].tobytes())
         written.append(path)
     return written

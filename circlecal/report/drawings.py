@@ -26,6 +26,8 @@ _TOLERANCE = 0.35
 _MOST_POINTS = 600
 _PLAN_UNITS_PER_M = 10.0
 _FOOTPRINT_PX_PER_M = 2.0
+_LARGEST_ASPECT = 5.0
+"""Of pixels, as of the option ``camera.aspect``; a record that says more is damaged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +57,12 @@ class Scene:
     view: FieldView | None
     circle: str
     record: ResultRecord
+
+    @property
+    def aspect(self) -> float:
+        """Width of a pixel over its height; 1 where it is not known."""
+        aspect = 1.0 if self.record.image is None else self.record.image.aspect
+        return aspect if 1.0 / _LARGEST_ASPECT <= aspect <= _LARGEST_ASPECT else 1.0
 
 
 def scene_of(record: ResultRecord) -> Scene | None:
@@ -89,7 +97,7 @@ def template_layer(scene: Scene) -> str | None:
         if found is not None:
             paths.append(_stroke(_path([found + 0.5], _TOLERANCE * unit), CIRCLE, dashed=True))
     content = "".join(paths)
-    return _svg(content, 0, 0, scene.width, scene.height) if content else None
+    return _picture_svg(content, scene) if content else None
 
 
 def other_layer(scene: Scene) -> str | None:
@@ -100,7 +108,7 @@ def other_layer(scene: Scene) -> str | None:
         _runs(pixels_near_picture(scene.view, line) + 0.5) for line in scene.view.markings(scene.template).values()
     )
     outline = "".join(_path(runs, _TOLERANCE * scene.width / 1920.0) for runs in lines)
-    return _svg(_stroke(outline, PURPLE, dashed=True), 0, 0, scene.width, scene.height) if outline else None
+    return _picture_svg(_stroke(outline, PURPLE, dashed=True), scene) if outline else None
 
 
 def points_layer(scene: Scene) -> str | None:
@@ -116,7 +124,7 @@ def points_layer(scene: Scene) -> str | None:
         cross = f"M{x - arm:.1f} {y:.1f}H{x + arm:.1f}M{x:.1f} {y - arm:.1f}V{y + arm:.1f}"
         parts.append(_stroke(cross, CIRCLE))
     content = "".join(parts)
-    return _svg(content, 0, 0, scene.width, scene.height) if content else None
+    return _picture_svg(content, scene) if content else None
 
 
 def plan_layer(scene: Scene) -> str | None:
@@ -130,7 +138,7 @@ def plan_layer(scene: Scene) -> str | None:
         color = CIRCLE if name == scene.circle else TEMPLATE
         parts.append(_stroke(_path([polyline], 0.02, scale=scale), color))
     left, top = -half * scale
-    return _svg("".join(parts), left, top, -2 * left, -2 * top)
+    return _svg("".join(parts), (left, top, -2 * left, -2 * top), -2 * left)
 
 
 def draw_on_thumbnail(picture: Any, scene: Scene) -> Any:
@@ -223,10 +231,16 @@ def _dots(points: Array, color: Color, diameter: float) -> str:
     return f'{rim}<path d="{outline}" {shared} stroke="{_css(color)}" stroke-width="{diameter:g}"/>'
 
 
-def _svg(content: str, left: float, top: float, width: float, height: float) -> str:
-    box = " ".join(f"{value:g}" for value in (left, top, width, height))
-    size = f'width="{width:g}" height="{height:g}"'
-    return f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{box}" {size}>{content}</svg>'
+def _picture_svg(content: str, scene: Scene) -> str:
+    """A drawing in the pixels of a frame, as wide as the frame is shown."""
+    return _svg(content, (0, 0, scene.width, scene.height), scene.width * scene.aspect)
+
+
+def _svg(content: str, box: tuple[float, float, float, float], width: float) -> str:
+    """A drawing in a box of left, top, width and height, stretched to a width where that is another one."""
+    view = " ".join(f"{value:g}" for value in box)
+    size = f'width="{width:g}" height="{box[3]:g}" preserveAspectRatio="none"'
+    return f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{view}" {size}>{content}</svg>'
 
 
 def _css(color: Color) -> str:

@@ -85,11 +85,12 @@ def write_media(
     """
     written = Media(0)
     if picture is not None:
-        thumbnail = _scale(picture, THUMBNAIL_WIDTH)
+        aspect = 1.0 if scene is None else scene.aspect
+        thumbnail = _scale(picture, THUMBNAIL_WIDTH, aspect)
         if scene is not None and not drawn:
             thumbnail = draw_on_thumbnail(thumbnail, scene)
         _write_jpeg(media_path(out, Media.THUMBNAIL, index), thumbnail)
-        _write_jpeg(media_path(out, Media.FRAME, index), _scale(picture, width))
+        _write_jpeg(media_path(out, Media.FRAME, index), _scale(picture, width, aspect))
         written |= Media.THUMBNAIL | Media.FRAME | (Media.DRAWN if drawn else Media(0))
     if scene is None:
         return written
@@ -107,11 +108,15 @@ def write_media(
     return written
 
 
-def _scale(picture: Picture, width: int) -> Picture:
-    share = width / picture.shape[1]
-    if share >= 1.0:
+def _scale(picture: Picture, width: int, aspect: float) -> Picture:
+    """A picture as it is seen, with square pixels where its own are ``aspect`` times as wide as high, and no wider than
+    ``width``.
+    """
+    shown = picture.shape[1] * aspect
+    share = min(width / shown, 1.0)
+    size = max(1, round(shown * share)), max(1, round(picture.shape[0] * share))
+    if size == picture.shape[1::-1]:
         return picture
-    size = width, max(1, round(picture.shape[0] * share))
     return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 

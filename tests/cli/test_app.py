@@ -49,7 +49,7 @@ def test_help_names_formats_solvers_and_defaults(run_circlecal, monkeypatch):
     defaults = {
         "calibrate": ["OUT/annotations, and x.json beside x.jpg"],
         "annotate": ["RUN/annotations, else circlecal-annotations", "the first to do", "1s"],
-        "synth": ["all", "12, or 1"],
+        "synth": ["all", "12, or one clip of each kind"],
     }
     for command, told in defaults.items():
         text = " ".join(run_circlecal(command, "--help").out.split())

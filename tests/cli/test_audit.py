@@ -39,6 +39,8 @@ def test_tables_with_either_center(run_circlecal, keypoints):
         assert outcome.code == 0, outcome
         assert "50-52" in outcome.out
         assert "median px" in outcome.out
+        assert run_circlecal("audit", keypoints, "--center", center, "--quiet").out in outcome.out
+    assert "Leave out the table of the frames" in run_circlecal("audit", "--help").out
 
 
 @pytest.mark.parametrize("suffix", [".png", ".svg"])

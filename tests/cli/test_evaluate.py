@@ -1,10 +1,14 @@
 """``circlecal evaluate``: from folders to figures."""
 
 import json
+import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
 from evaluation.scenes import look_at_circle, write_set  # noqa: F401
+
+SAMPLES = Path(__file__).parents[2] / "samples"
 
 
 @pytest.fixture
@@ -13,6 +17,18 @@ def folders(write_set):  # noqa: F811
     truth, exact = write_set(cameras, {k: cameras[k] for k in "012"}, "exact")
     _, off = write_set(cameras, {k: look_at_circle(x=float(k), pan=0.4 * int(k) + 0.25) for k in cameras}, "off")
     return truth, exact, off
+
+
+@pytest.fixture
+def run_of_samples(run_circlecal, tmp_path):
+    """Results of one sample, whose picture and truth are in the folder ``samples`` beside them."""
+    for name in ("full_circle.jpg", "truth/full_circle.json"):
+        copy = tmp_path / "samples" / name
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(SAMPLES / name, copy)
+    picture = tmp_path / "samples" / "full_circle.jpg"
+    assert run_circlecal("calibrate", picture, "--out", tmp_path / "run", "--no-overlay").code == 0
+    return tmp_path / "run"
 
 
 def methods_of(outcome):
@@ -39,9 +55,14 @@ def test_a_method_of_other_frames_is_told(run_circlecal, folders):
     truth, exact, off = folders
     for path in list(off.iterdir()):
         path.rename(path.with_name(path.name.replace("camera_", "camera_other_")))
+    words = f"{off}: has a camera for none of the 4 frames of {truth}; files are of one frame where"
     told = " ".join(run_circlecal("evaluate", truth, exact, "--compare", f"off={off}").err.split())
-    assert f"{off}: has a camera for none of the 4 frames of {truth}; files are of one frame where" in told
+    assert words in told
     assert str(exact) not in told
+    alone = run_circlecal("evaluate", truth, off)
+    assert (alone.code, alone.out) == (2, "")
+    assert words in alone.err
+    assert run_circlecal("evaluate", exact, off).code == 2
 
 
 def test_another_size_gives_the_same(run_circlecal, folders):
@@ -97,6 +118,31 @@ def test_true_cameras_and_homographies(run_circlecal, folders, tmp_path):
     found = methods_of(run_circlecal("evaluate", matrices, exact, "--json"))
     assert found["exact"]["median"]["reprojection"] < 1e-3
     assert found["exact"]["ground_m"][0] < 0.02
+
+
+def test_rendered_frames_and_results(run_circlecal, run_of_samples, tmp_path):
+    samples = run_of_samples.parent / "samples"
+    found = methods_of(run_circlecal("evaluate", samples / "truth", run_of_samples, "--json"))["run"]
+    assert (found["frames"], found["answered"]) == (1, 1)
+    assert found["ground_m"][1] < 0.05
+    turned = methods_of(run_circlecal("evaluate", run_of_samples, samples / "truth", "--json"))["truth"]
+    assert turned["ground_m"][1] < 0.05
+    told = run_circlecal("evaluate", samples / "truth", run_of_samples, "--central")
+    assert (told.code, "line annotations" in told.err) == (2, True)
+    truth = json.loads((samples / "truth" / "full_circle.json").read_text())
+    for change in ({"field": "futsal"}, {"expect": "refuse"}):
+        (samples / "truth" / "full_circle.json").write_text(json.dumps(truth | change))
+        assert "holds no camera" in run_circlecal("evaluate", samples / "truth", run_of_samples).err
+    (samples / "truth" / "full_circle.json").write_text(json.dumps({"shots": [], "tripod": {}, "frames": []}))
+    assert "bench track" in run_circlecal("evaluate", samples / "truth", run_of_samples).err
+
+
+def test_other_annotations_are_no_truth(run_circlecal, folders, tmp_path):
+    _, exact, _ = folders
+    (tmp_path / "keypoints").mkdir()
+    (tmp_path / "keypoints" / "0.json").write_text(json.dumps({"kp": {"1": {"x": 0.5, "y": 0.5, "p": 0.9}}}))
+    told = run_circlecal("evaluate", tmp_path / "keypoints", exact)
+    assert (told.code, "holds no line annotation" in told.err) == (2, True)
 
 
 @pytest.mark.parametrize(

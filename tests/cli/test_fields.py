@@ -16,6 +16,13 @@ def test_every_template_is_drawn(tmp_path):
     assert all(cv2.imread(str(path)).std() > 5 for path in tmp_path.glob("*.png"))
 
 
+def test_templates_of_one_name_are_drawn_apart(tmp_path, run_circlecal):
+    mine = tmp_path / "mine.yaml"
+    mine.write_text((field_folder() / "futsal.yaml").read_text())
+    assert run_circlecal("fields", mine, "futsal", "--draw", tmp_path / "drawn").code == 0
+    assert sorted(path.name for path in (tmp_path / "drawn").iterdir()) == ["futsal-2.png", "futsal.png"]
+
+
 def test_a_file_in_place_of_the_folder(tmp_path, run_circlecal):
     (tmp_path / "file").touch()
     outcome = run_circlecal("fields", "--draw", tmp_path / "file")

@@ -144,6 +144,10 @@ def test_a_table_of_points_over_a_run(run_circlecal, result_file, blank_file, tm
     (tmp_path / "points.csv").write_text("frame,x\ngood,1\n")
     wrong = run_circlecal("project", tmp_path, "--points", tmp_path / "points.csv", "--to", "field")
     assert wrong.code == 2 and "no column 'y'" in wrong.err
+    for names, told in (("frame;x;y", "separated by commas"), ("frame,x,y,x", "two columns 'x'")):
+        (tmp_path / "points.csv").write_text(f"{names}\ngood,1,2,3\n")
+        wrong = run_circlecal("project", tmp_path, "--points", tmp_path / "points.csv", "--to", "field")
+        assert wrong.code == 2 and told in wrong.err
     (tmp_path / "points.csv").write_text(f"frame,x,y\ngood,1,2\n{'g' * 200_000},1,2\n")
     endless = run_circlecal("project", tmp_path, "--points", tmp_path / "points.csv", "--to", "field")
     assert endless.code == 2 and "points.csv, line 2: is no CSV table: field larger" in endless.err

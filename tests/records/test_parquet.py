@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import sys
 
 import numpy as np
@@ -84,6 +85,16 @@ def test_a_missing_extra_is_told_before_the_first_frame(run_circlecal, frame_fil
     assert not (tmp_path / "out").exists()
 
 
+def test_a_wrong_format_is_told_with_those_there_are(run_circlecal, results, frame_file, tmp_path):
+    run, out = results[0].parent, tmp_path / "out"
+    for command in (("batch", frame_file), ("track", frame_file), ("convert", run)):
+        outcome = run_circlecal(*command, "--to", "foo", "--out", out)
+        assert outcome.code == 2
+        assert re.search(r"--to foo: is no format that can be written; known: .*\bparquet, ", outcome.err), outcome.err
+    outcome = run_circlecal("convert", run, "--to", "coco", "--out", out)
+    assert (outcome.code, "no way from a circlecal result to coco" in outcome.err) == (2, True)
+
+
 def test_results_become_cameras_too(run_circlecal, results, frame_file, tmp_path):
     path, _ = results
     assert run_circlecal("convert", path, "--to", "soccernet", "--out", tmp_path / "cameras").code == 0
@@ -106,6 +117,16 @@ def test_of_a_run_its_results_alone_are_converted(run_circlecal, results, tmp_pa
     assert outcome.code == 0
     assert "holds no accepted frame; left out" in outcome.err
     assert len((out / "per_sample_output.json").read_text().splitlines()) == 1
+
+
+def test_no_frame(run_circlecal, tmp_path):
+    pytest.importorskip("pyarrow", reason="the extra parquet is not installed")
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "x.json").write_text("{}")
+    outcome = run_circlecal("convert", tmp_path / "other", "--to", "parquet", "--out", tmp_path / "out")
+    assert (outcome.code, outcome.out) == (2, "")
+    assert f"{tmp_path / 'other'}: holds no frame" in outcome.err
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("content", [None, "nonsense\n", "[]\n", '{"id": "a"}\n'])

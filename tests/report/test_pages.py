@@ -67,6 +67,20 @@ def test_width_limits_the_picture(tmp_path, named, picture_file):
     assert cv2.imread(str(report / "frames" / "000" / "000000.jpg")).shape == (270, 480, 3)
 
 
+@pytest.mark.parametrize(("aspect", "seen"), [(4 / 3, (270, 640)), (0.5, (540, 480)), (1e-9, (360, 640))])
+def test_pictures_of_other_pixels_are_shown_as_they_are_seen(tmp_path, named, picture_file, aspect, seen):
+    image = {"width": 960, "height": 540, "aspect": aspect}
+    report = written(tmp_path / "run", [named("good", path=str(picture_file), image=image)], width=640)
+    shown = cv2.imread(str(report / "frames" / "000" / "000000.jpg"))
+    assert shown.shape[:2] == seen
+    thumbnail = cv2.imread(str(report / "thumbnails" / "000" / "000000.jpg"))
+    assert thumbnail.shape[1] / thumbnail.shape[0] == pytest.approx(seen[1] / seen[0], rel=0.01)
+    template = (report / "template" / "000" / "000000.svg").read_text()
+    assert 'viewBox="0 0 960 540"' in template and 'preserveAspectRatio="none"' in template
+    size = re.search(r' width="(\S+)" height="(\S+)"', template)
+    assert float(size[1]) / float(size[2]) == pytest.approx(seen[1] / seen[0], rel=0.01)
+
+
 def test_pictures_that_moved(tmp_path, named, picture_file):
     report = written(tmp_path / "run", [named("good", path="elsewhere/good.png")], frames=picture_file.parent)
     assert Media.FRAME in media(report)[0]

@@ -107,9 +107,20 @@ def test_command(tmp_path, run_circlecal):
     assert "2 frames" in outcome.out
 
 
-@pytest.mark.parametrize("arguments", [("--size", "large"), ("--size", "1x"), ("--count", "0"), ("--profile", "moon")])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("--size", "large"),
+        ("--size", "1x"),
+        ("--count", "0"),
+        ("--profile", "moon"),
+        ("--count", "1", "--interlaced"),
+        ("--count", "1", "--surface", "hip"),
+    ],
+)
 def test_command_refuses(tmp_path, run_circlecal, arguments):
     assert run_circlecal("synth", tmp_path / "out", *arguments).code == 2
+    assert not (tmp_path / "out").exists()
 
 
 def test_command_knows_every_profile():

@@ -237,7 +237,16 @@ def test_command(tmp_path, run_circlecal):
     assert np.linalg.norm(camera.position_m - record["tripod"]["position_m"]) < 1.5
 
 
-@pytest.mark.parametrize("arguments", [("--size", "321x180"), ("--seconds", "0"), ("--rate", "500"), ("--count", "-1")])
+def test_all_kinds(tmp_path, run_circlecal):
+    size = ("--size", "320x180", "--seconds", 0.1, "--rate", 10, "--profile", "rink")
+    assert run_circlecal("synth", tmp_path, "--video", "all", *size).code == 0
+    assert sorted(path.name.partition("_")[0] for path in tmp_path.glob("*.mp4")) == sorted(kinds_of("rink"))
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [("--size", "321x180"), ("--seconds", "0"), ("--rate", "500"), ("--count", "0"), ("-p", "easy", "-p", "haze")],
+)
 def test_command_refuses(tmp_path, run_circlecal, arguments):
     assert run_circlecal("synth", tmp_path / "out", "--video", "attack", *arguments).code == 2
     assert not (tmp_path / "out").exists()

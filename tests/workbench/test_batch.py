@@ -227,6 +227,9 @@ def test_label_sets(run_circlecal, tmp_path, program):
     (path,) = tmp_path.iterdir()
     assert "Small rect. right bottom" in path.read_text() and "Line unknown" in path.read_text()
     assert run_circlecal("convert", "--labels", "paper", "--out", tmp_path).code == 2
+    for arguments in ((tmp_path,), ("--to", "coco")):
+        assert run_circlecal("convert", *arguments, "--labels", program, "--out", tmp_path / "none").code == 2
+    assert not (tmp_path / "none").exists()
 
 
 def test_saved_annotations_are_whole_and_newer_ones_stay(named, tmp_path):
