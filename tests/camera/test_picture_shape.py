@@ -23,8 +23,9 @@ def test_pictures_of_no_usual_shape_point_anywhere(size):
 
 
 def test_a_side_that_was_kept_whole_still_points_at_its_middle():
-    # a screen without its bar, and a square and an upright part of a video
+    # a screen without its bar, a picture of the cinema, and a square and an upright part of a video
     assert usual_point_sd(2560, 1250) == pytest.approx((20.0, np.hypot(20.0, 190.0 / np.sqrt(12.0))))
+    assert usual_point_sd(4096, 2160) == pytest.approx((32.0, np.hypot(32.0, 144.0 / np.sqrt(12.0))))
     for width in (1080, 608):
         along, upright = usual_point_sd(width, 1080)
         assert upright == pytest.approx(15.0 * width / 1920.0)
