@@ -15,7 +15,8 @@ CUT_SD_PX = 250.0
 of the larger picture's are left and every place of the cut is alike.
 """
 SHAPES = (16 / 9, 4 / 3, 3 / 2, 5 / 4, 16 / 10, 11 / 9, 9 / 16, 3 / 4, 2 / 3)
-"""Width over height of the pictures that cameras take, television keeps, and telephones show upright. Those of the cinema are not among them: what has one was mostly cut, or has a width of video, which tells that.
+"""Width over height of the pictures that cameras take, television keeps, and telephones show upright. Those of the
+cinema are not among them: what has one was mostly cut, or has a width of video, which tells that.
 """
 SHAPE_TOLERANCE = 0.01
 """How far a picture may be from them, as a share: 398 x 224 and 854 x 480 are 16:9. Of 82 real frames three are
