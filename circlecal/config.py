@@ -304,13 +304,18 @@ MODEL_KEYS = (("mask", "model"), ("keypoints", "model"), ("keypoints", "lines_mo
 """The keys that name files of networks."""
 
 
+def _file_keys(config: Config) -> tuple[tuple[str, str], ...]:
+    """The keys that name files of the user: networks, and the template where it is one."""
+    own_template = config.field.template.endswith((".yaml", ".yml"))
+    return (("field", "template"), *MODEL_KEYS) if own_template else MODEL_KEYS
+
+
 def absolute_files(config: Config) -> Config:
     """The configuration as a process with another working folder must have it: its template and networks named by
     their whole paths.
     """
-    own_template = [("field", "template")] if config.field.template.endswith((".yaml", ".yml")) else []
     changes: dict[str, Any] = {}
-    for name, key in (*own_template, *MODEL_KEYS):
+    for name, key in _file_keys(config):
         section = changes.get(name, getattr(config, name))
         file = getattr(section, key)
         if file is not None:
@@ -451,9 +456,7 @@ def config_digest(config: Config) -> str:
     networks.
     """
     content = config.model_dump(mode="json", exclude={"output", "rig", "limits"})
-    template = config.field.template
-    own_template = [("field", "template")] if template.endswith((".yaml", ".yml")) else []
-    for name, key in (*own_template, *MODEL_KEYS):
+    for name, key in _file_keys(config):
         content[name][key] = _file_digest(content[name][key])
     canonical = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(canonical.encode()).hexdigest()[:12]

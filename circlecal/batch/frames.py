@@ -32,13 +32,15 @@ from circlecal.pictures.files import (
     STAGE_SHEET,
     PictureFile,
     decode_picture,
+    path_in_folder,
     read_image,
     require_picture,
     write_image,
 )
 from circlecal.pictures.limits import LimitsConfig
 from circlecal.pictures.masks import find_mask, read_mask
-from circlecal.pictures.remote import read_url
+from circlecal.pictures.remote import is_url, read_url
+from circlecal.pictures.video import pictures_at
 from circlecal.pipeline import Convention, apply_convention, field_of, run_observations
 from circlecal.records.json_text import write_result
 from circlecal.records.record import ResultRecord
@@ -323,3 +325,21 @@ def tell_size(record: ResultRecord, frame: PictureFile | FrameOfFile) -> ResultR
     if size is None or record.source is None:
         return record
     return record.model_copy(update={"source": record.source.model_copy(update={"bytes": size})})
+
+
+def picture_of_record(record: ResultRecord) -> PictureFile:
+    """The picture of a frame that was calibrated before, where its record says; that of a video is decoded.
+
+    Raises
+    ------
+    InputError
+        The video cannot be read.
+    """
+    path, time_s = record.path or "", None if record.source is None else record.source.time_s
+    if is_url(path):
+        return PictureFile(record.id, Path(record.id), record.id, url=path)
+    file = Path(path)
+    if time_s is None:
+        return PictureFile(record.id, file, path_in_folder(record.id, file))
+    aspect = None if record.image is None else record.image.aspect
+    return PictureFile(record.id, file, record.id, time_s, next(pictures_at(file, [time_s]), None), aspect)

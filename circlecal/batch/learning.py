@@ -9,14 +9,14 @@ alone stays as it is.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.batch.frames import FrameRun, calibrate_frame, tell_size, write_outputs
+from circlecal.batch.frames import FrameRun, calibrate_frame, picture_of_record, tell_size, write_outputs
 from circlecal.config import AUTO, Config, suit_config
 from circlecal.field import load_field
 from circlecal.paint.colour import match_paint
@@ -24,7 +24,6 @@ from circlecal.paint.shared_paint import Colour, agree_on_paint, is_coloured
 from circlecal.pictures.files import PictureFile
 from circlecal.pictures.limits import LimitsConfig
 from circlecal.pictures.remote import is_url
-from circlecal.pictures.video import Video, pictures_at
 from circlecal.pipeline import field_of
 from circlecal.records.json_text import write_result
 from circlecal.records.parts import AloneRecord, LearntRecord
@@ -165,11 +164,12 @@ class LearnedRun:
             The picture cannot be read any more, or a file cannot be written.
         """
         lesson, told = frame.lesson, frame.record.learnt
-        file = _find_file(frame)
-        answer: _Answer | None = self._calibrate(file, self._tell(lesson))
-        taken = answer is not None and answer.record.status == "calibrated" and _shows(answer.record, lesson)
-        if not taken:  # told something else before that no longer holds, or it stays as it was
-            answer = self._calibrate(file, self.run.config) if told is not None and told.taken else None
+        file = picture_of_record(frame.record)
+        again = self._calibrate(file, self._tell(lesson))
+        taken = again.record.status == "calibrated" and _shows(again.record, lesson)
+        answer: _Answer | None = again if taken else None
+        if not taken and told is not None and told.taken:  # told something else, which no longer holds
+            answer = self._calibrate(file, self.run.config)
         before = frame.record if told is None else told.alone
         learnt = LearntRecord(
             field=lesson.field,
@@ -180,10 +180,11 @@ class LearnedRun:
         )
         record = tell_size(frame.record if answer is None else answer.record, file)
         record = record.model_copy(update={"learnt": learnt, "config_digest": self.digest})
-        if self.run.out is not None and answer is None:
-            write_result(self.run.out / f"{frame.id}.json", record)
-        elif self.run.out is not None and answer is not None:
-            write_outputs(answer.picture, answer.found, record, answer.config, self.run.out)
+        out = self.run.out
+        if out is not None and answer is None:
+            write_result(out / f"{frame.id}.json", record)
+        elif out is not None and answer is not None:
+            write_outputs(answer.picture, answer.found, record, answer.config, out)
         return record
 
     def _tell(self, lesson: Lesson) -> Config:
@@ -240,15 +241,3 @@ def _shows(record: ResultRecord, lesson: Lesson) -> bool:
     if record.paint is None:
         return not load_field(lesson.field).is_in_one_paint
     return bool(match_paint(np.array(record.paint.added_bgr, np.float64), np.array(lesson.added_bgr)))
-
-
-def _find_file(frame: RefusedFrame) -> PictureFile:
-    """The picture of a frame, which of a video is decoded."""
-    path = frame.record.path or ""
-    if is_url(path):
-        return PictureFile(frame.id, Path(frame.id), frame.id, url=path)
-    file = PictureFile(frame.id, Path(path), frame.id, time_s=frame.time_s)
-    if frame.time_s is None:
-        return file
-    aspect = Video.open(file.path, frame.id).aspect
-    return replace(file, picture=next(pictures_at(file.path, [frame.time_s]), None), aspect=aspect)

@@ -80,6 +80,12 @@ class SharedPrior:
         covariance = mapping @ self.covariance @ np.swapaxes(mapping, 1, 2) + np.diag(self.deviation_sd**2)
         return mapping @ self.mean, covariance, spread @ self.mean[K:]
 
+    @property
+    def frame_sd(self) -> Array:
+        """Standard deviations (K,) of the parameters of a single frame, which may deviate from the shared ones."""
+        shared_sd = np.sqrt(np.diag(self.covariance)[: len(self.parameters)])
+        return np.asarray(np.hypot(shared_sd, self.deviation_sd))
+
     def residuals(self, theta: Array) -> tuple[Array, Array]:
         """Normalised residuals (B, K) of parameter vectors (B, P) and their Jacobian (B, K, P).
 

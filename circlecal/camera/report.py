@@ -201,11 +201,7 @@ def _tell_spread(
         thetas = np.concatenate([theta[None], spread_cameras(theta, covariance, reference_m)])
         cameras = homographies(thetas, model)
     vectors = homography_vectors(cameras)
-    # of a field of another size the circle lies elsewhere
-    centers_m = (
-        np.asarray(circle.center)
-        + thetas[:, [INDEX["length"], INDEX["breadth"]]] @ template.place_shift(circle.center)[1:]
-    )
+    centers_m = template.center_after_growth(circle, thetas[:, [INDEX["length"], INDEX["breadth"]]])
     centers = imaged_points(cameras, centers_m[:, None])[:, 0]
     surface = replace(model.surface, crown_m=float(theta[INDEX["crown"]]))
     grid = field_about(FieldView(camera, surface), template, circle, reference_m)
@@ -315,8 +311,8 @@ def derive_points(cameras: Array, camera: Camera, circle: Circle, centers_m: Arr
         :func:`circlecal.camera.covariance.spread_cameras` gives.
     camera, circle : Camera, Circle
         The camera, and the circle.
-    centers_m : (1 + K, 2) array
-        Its centre on the field as each of these cameras has it, metres.
+    centers_m : (1 + K, 2) or (1, 2) array
+        Its centre on the field as each of these cameras has it, or all of them, metres.
     """
     angle = np.radians(np.arange(0.0, 360.0, 45.0))
     outward = np.stack([np.cos(angle), np.sin(angle)], axis=-1)

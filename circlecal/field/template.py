@@ -392,6 +392,10 @@ class FieldTemplate(BaseModel):
             shift[2, 1] = np.sign(y) / 2.0
         return shift
 
+    def center_after_growth(self, circle: Circle, growth_m: Array) -> Array:
+        """Centre (..., 2) of a circle or an arc on fields that are longer and broader by (..., 2), metres."""
+        return np.asarray(circle.center + growth_m @ self.place_shift(circle.center)[1:])
+
     @cached_property
     def drawn_lines(self) -> tuple[Array, Array]:
         """Ends (T, 2, 2) and shifts (T, 3, 2) of all straight markings, as of :meth:`line_ends` and

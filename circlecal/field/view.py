@@ -165,7 +165,7 @@ class FieldView(ShortRepr):
 
     def center_of(self, circle: Circle, template: FieldTemplate) -> Array:
         """Centre (2,) of a circle or an arc of the template on this longer and broader field, metres."""
-        return np.asarray(circle.center) + self.growth_m @ template.place_shift(circle.center)[1:]
+        return template.center_after_growth(circle, self.growth_m)
 
     def circle_points(self, circle: Circle, edge: Edge, angle_rad: Array, template: FieldTemplate) -> Array:
         """Points (..., 2) on this field, metres, as :meth:`circlecal.field.template.FieldTemplate.curve_points` gives

@@ -528,7 +528,7 @@ def config_with_prior(config: Config, prior: SharedPrior, width: int) -> Config:
     free = [axis for axis, name in enumerate("xyz") if name in known]
     place = [known["xyz"[axis]] for axis in free]
     position[free] = prior.mean[place]
-    spread[free] = np.hypot(np.sqrt(np.diag(prior.covariance)[place]), prior.deviation_sd[place])
+    spread[free] = prior.frame_sd[place]
     side = side_of_place(position)
     camera = config.camera.model_copy(
         update={

@@ -17,7 +17,7 @@ from typing import Any, get_args
 import numpy as np
 
 from circlecal.batch import BatchProgress, run_batch
-from circlecal.batch.frames import calibrate_frame
+from circlecal.batch.frames import calibrate_frame, picture_of_record
 from circlecal.config import Config, config_digest, suit_pixels
 from circlecal.errors import CirclecalError, InputError
 from circlecal.field import FieldTemplate
@@ -25,10 +25,8 @@ from circlecal.files import is_file, is_folder, read_table, read_text, real_path
 from circlecal.formats.annotation import Flag
 from circlecal.formats.registry import annotation_suffixes
 from circlecal.names import from_cell
-from circlecal.pictures.files import PictureFile, path_in_folder
 from circlecal.pictures.limits import LimitsConfig
 from circlecal.pictures.remote import is_url
-from circlecal.pictures.video import pictures_at
 from circlecal.pipeline import Convention, apply_convention, field_of, run_observations
 from circlecal.records.camera_prior import write_prior
 from circlecal.records.log import ResultLog, read_records
@@ -310,18 +308,19 @@ class _Again:
     measured: FrameCalibration | None = field(default=None, init=False)
 
     def __call__(self, config: Config) -> FrameCalibration | None:
-        source = Path(self.record.path or "")
         refused, annotated = self.frame.theta is None, _is_annotated(self.record)
         from_picture = refused and not annotated and self.record.annotation is None and _has_picture(self.record)
         if from_picture and self.measured is None:
-            self.measured = self._look(source, config)
+            self.measured = self._look(config)
             return None if self.measured is None or _leaves_the_arc(self.measured, config) else self.measured
         seen = self.frame.observations if self.measured is None else self.measured.attempt.observations
         if seen is None:
             return self.measured
         convention: Convention = self.convention if annotated else "paint"
         config = suit_pixels(config, self.frame.aspect)
-        found = run_observations(seen, config, frame_id=self.frame.id, source=str(source), convention=convention)
+        found = run_observations(
+            seen, config, frame_id=self.frame.id, source=str(Path(self.record.path or "")), convention=convention
+        )
         return None if from_picture and _leaves_the_arc(found, config) else found
 
     def confirm(self, found: Recalibration) -> Recalibration:
@@ -330,28 +329,19 @@ class _Again:
             return found
         prior = found.rig.prior(self.frame.id, self.frame.theta)
         config = config_with_prior(self.config, prior, found.rig.size[0])
-        looked = self._look(Path(self.record.path or ""), config)
+        looked = self._look(config)
         reason = find_refusal(looked, self.frame, found.rig)
         if reason is None and looked is not None and _leaves_the_arc(looked, config):
             reason = f"its arc is not where {found.rig.name} sees the circle"
         return replace(found, calibration=looked) if reason is None else Recalibration(None, None, reason)
 
-    def _look(self, source: Path, config: Config) -> FrameCalibration | None:
+    def _look(self, config: Config) -> FrameCalibration | None:
         """The whole chain, from the picture; None where it cannot be read."""
         try:
-            return calibrate_frame(self._picture(source), accept_short_arcs(config), self.mask)[1]
+            return calibrate_frame(picture_of_record(self.record), accept_short_arcs(config), self.mask)[1]
         except CirclecalError as error:
             _log.warning("%s", error)
             return None
-
-    def _picture(self, source: Path) -> PictureFile:
-        time_s = None if self.record.source is None else self.record.source.time_s
-        if is_url(self.record.path or ""):
-            return PictureFile(self.frame.id, Path(self.frame.id), self.frame.id, url=self.record.path)
-        if time_s is None:
-            return PictureFile(self.frame.id, source, path_in_folder(self.frame.id, source))
-        picture = next(pictures_at(source, [time_s]), None)
-        return PictureFile(self.frame.id, source, self.frame.id, time_s, picture, self.frame.aspect)
 
 
 def accept_short_arcs(config: Config) -> Config:

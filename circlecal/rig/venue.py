@@ -353,7 +353,7 @@ def _known_camera(tripod: TripodEstimate) -> KnownCamera:
     prior = prior_of_tripod(tripod)
     place = [prior.parameters.index(name) for name in ("x", "y", "z")]
     x, y, z = prior.mean[place].tolist()
-    sd_x, sd_y, sd_z = np.sqrt(np.diag(prior.covariance)[place] + prior.deviation_sd[place] ** 2).tolist()
+    sd_x, sd_y, sd_z = prior.frame_sd[place].tolist()
     return KnownCamera(
         name=tripod.name,
         position_m=(x, y, z),

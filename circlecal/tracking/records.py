@@ -233,7 +233,7 @@ def _details(view: FieldView, form: RecordForm) -> dict[str, Any]:
         "imaged_center": centers[0],
         "imaged_center_source": "camera",
         "imaged_center_covariance": push_forward(centers[0], centers[1:]),
-        "derived_points": derive_points(cameras, view.camera, form.circle, np.tile(center, (len(cameras), 1))),
+        "derived_points": derive_points(cameras, view.camera, form.circle, center[None]),
         "alternatives": [{"kind": "turned_field", "H_image_field": turned.homography, "camera": turned.soccernet()}],
     }
 

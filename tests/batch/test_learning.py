@@ -163,11 +163,11 @@ def test_a_mask_or_a_colour_that_is_given_leaves_nothing_to_learn(tmp_path):
 def test_what_cannot_be_read_again_keeps_its_record(hall, told_folder, tmp_path, monkeypatch):
     lost = []
 
-    def lose(frame):
-        lost.append(frame.id)
-        raise InputError(f"{frame.id}: is gone")
+    def lose(record):
+        lost.append(record.id)
+        raise InputError(f"{record.id}: is gone")
 
-    monkeypatch.setattr(learning, "_find_file", lose)
+    monkeypatch.setattr(learning, "picture_of_record", lose)
     # the frames that tell the colour are finished, the others come now
     lines = (told_folder / "results.jsonl").read_bytes().splitlines(keepends=True)
     clear = [line for line in lines if json.loads(line)["id"] in {f"f{k}" for k in CLEAR}]
