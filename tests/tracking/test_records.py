@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 
 import circlecal
 from circlecal.config import load_config
+from circlecal.geometry.camera_parameters import INDEX
 from circlecal.pipeline import field_of
 from circlecal.records.cameras_table import write_cameras
 from circlecal.records.json_text import result_line
@@ -46,6 +48,19 @@ def test_points_and_their_sigmas_come_back(full: bool) -> None:
     np.testing.assert_allclose(record.view.growth_m, frame.view.growth_m)
     ground = record.view.to_field(found.points, sigma=True)
     np.testing.assert_allclose(ground.points, POINTS, atol=1e-4)
+
+
+@pytest.mark.parametrize(("growth", "is_usual"), [((0.0, 0.0), True), ((0.0, -1.6), False), ((0.0, -0.3), True)])
+def test_a_pitch_that_is_told_to_be_another_is_not_the_usual_one(growth: tuple[float, float], is_usual: bool) -> None:
+    frame = tracked(3, 0.12, (1920, 1080))
+    covariance = np.array(frame.view.covariance)
+    sizes = [INDEX["length"], INDEX["breadth"]]
+    covariance[:, sizes] = covariance[sizes] = 0.0
+    covariance[sizes, sizes] = 0.14**2
+    changed = replace(frame, view=replace(frame.view, growth_m=growth, covariance=covariance))
+    form = RecordForm(*field_of(load_config()), 0, "0" * 12, False)
+    size = record_of_track(changed, "clip_3", "clip.mp4", 2, form).camera.field_size
+    assert (size.is_usual, size.usual_share) == (is_usual, float(is_usual))
 
 
 def test_everything_that_reads_results_reads_it(tmp_path) -> None:
