@@ -247,8 +247,18 @@ class FieldTemplate(BaseModel):
         for name, extent in zip(("length", "width"), self.extents, strict=True):
             if extent.range_m is not None and not extent.range_m[0] <= extent.range_m[1]:
                 raise ValueError(f"{name}_range_m {list(extent.range_m)}: the smallest comes first")
+        self._require_room_for_circles()
         self._require_halfway_through_circle()
         return self
+
+    def _require_room_for_circles(self) -> None:
+        for circle in self.circles:
+            for name, size_m, middle in zip(
+                ("length_m", "width_m"), (self.length_m, self.width_m), circle.center, strict=True
+            ):
+                needed_m = 2.0 * (abs(middle) + circle.radius_m)
+                if needed_m > size_m + 2.0 * self.marking_width_m:
+                    raise ValueError(f"{name} is {size_m:g}, but circle {circle.name!r} needs {needed_m:g} m")
 
     def _require_halfway_through_circle(self) -> None:
         centers = {c.name: c.center for c in (*self.circles, *self.arcs)}

@@ -173,6 +173,8 @@ def test_what_is_wrong_with_a_template_is_said():
     assert "paint tells a direction" in broken(lines=[{**halfway, "paint": [0, 2]}])
     beside = {**halfway, "start": [1, -34], "end": [1, 34]}
     assert "'halfway_line' runs 1 m beside the middle of 'centre_circle'" in broken(lines=[beside])
+    assert "length_m is 18, but circle 'centre_circle' needs 18.3 m" in broken(length_m=18)
+    assert "width_m is 12, but circle 'centre_circle' needs 18.3 m" in broken(width_m=12)
     assert "length_range_m [120.0, 90.0]: the smallest comes first" in broken(length_range_m=[120, 90])
     assert "sizes" in broken(sizes=[1, 2])
     for content in (None, [], "soccer", {}):
