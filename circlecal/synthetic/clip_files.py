@@ -14,6 +14,7 @@ from circlecal.files import prepare_folder, write_atomic
 from circlecal.pictures.video_writer import write_video
 from circlecal.synthetic.clip_plans import kinds_of, plan_clip
 from circlecal.synthetic.dataset import LARGEST_SIZE, SMALLEST_SIZE, TRUTH_FOLDER
+from circlecal.synthetic.sampling import profile_field
 from circlecal.synthetic.video import Clip, ClipKind, ClipSpec
 
 _LONGEST_S, _RATES = 600.0, (1.0, 120.0)
@@ -97,7 +98,7 @@ def require_clips(count: int, seed: int, spec: ClipSpec) -> None:
     Raises
     ------
     InputError
-        A number is out of range.
+        A number is out of range, or a surface is chosen for a sport whose fields have one shape.
     """
     if count < 1:
         raise InputError(f"count must be at least 1, not {count}")
@@ -110,6 +111,8 @@ def require_clips(count: int, seed: int, spec: ClipSpec) -> None:
         raise InputError(
             f"size {size[0]}x{size[1]} is out of range; even sides from {smallest} to {largest} can be rendered"
         )
+    if spec.surface is not None and profile_field(spec.look) != "soccer":
+        raise InputError("--surface: pitches of soccer alone have a shape to choose; leave it out for other sports")
     if not (0.0 < spec.seconds <= _LONGEST_S and _RATES[0] <= spec.rate <= _RATES[1]):
         raise InputError(
             f"{spec.seconds:g} s at {spec.rate:g} frames per second is out of range; up to {_LONGEST_S:g} s at "

@@ -116,6 +116,7 @@ def test_command(tmp_path, run_circlecal):
         ("--profile", "moon"),
         ("--count", "1", "--interlaced"),
         ("--count", "1", "--surface", "hip"),
+        ("--video", "still", "--profile", "rink", "--surface", "hip"),
     ],
 )
 def test_command_refuses(tmp_path, run_circlecal, arguments):
