@@ -325,3 +325,9 @@ def solve_damped(normal: Array, gradient: Array, damping: Array, gauge: Array | 
 def predict_decrease(normal: Array, gradient: Array, change: Array) -> Array:
     """By how much a change (B, P) lowers the quadratic model ``cost + 2 g^T d + d^T N d`` of the cost (B,)."""
     return -np.asarray(((2.0 * gradient + (normal @ change[..., None])[..., 0]) * change).sum(axis=1))
+
+
+def invert_normal(matrix: Array) -> Array:
+    """Inverse of a normal matrix (P, P) of quantities of very different size."""
+    size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    return np.asarray(np.linalg.pinv(matrix / np.outer(size, size), rcond=1e-13, hermitian=True) / np.outer(size, size))

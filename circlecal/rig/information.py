@@ -6,8 +6,9 @@ import numpy as np
 
 from circlecal.camera.priors import SharedPrior
 from circlecal.geometry.camera_parameters import ANGLES, PARAMETERS, POSITION
+from circlecal.geometry.least_squares import invert_normal
 from circlecal.geometry.projective import Array
-from circlecal.rig.joint import JointProblem, JointState, invert_normal
+from circlecal.rig.joint import JointProblem, JointState
 
 
 def frame_information(state: JointState) -> tuple[Array, Array]:

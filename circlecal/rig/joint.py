@@ -18,7 +18,7 @@ from circlecal.camera.priors import SHARED, ZOOMED, Priors
 from circlecal.camera.problem import Problem, evaluate
 from circlecal.camera.residuals import sample_feet
 from circlecal.geometry.camera_parameters import ANGLES, INDEX, PARAMETERS, POSITION
-from circlecal.geometry.least_squares import Step, StoppingRule, minimise
+from circlecal.geometry.least_squares import Step, StoppingRule, invert_normal, minimise
 from circlecal.geometry.projective import Array, Indices, Mask
 from circlecal.rig.tripod import COMMON, PLACE, TripodModel, unwrap_pan
 
@@ -420,9 +420,3 @@ def _polish(problem: JointProblem, state: JointState) -> JointState:
         },
         feet=tuple(a if g else b for a, b, g in zip(moved.feet, state.feet, gains, strict=True)),
     )
-
-
-def invert_normal(matrix: Array) -> Array:
-    """Inverse of a normal matrix of quantities of very different size."""
-    size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    return np.asarray(np.linalg.pinv(matrix / np.outer(size, size), rcond=1e-13, hermitian=True) / np.outer(size, size))

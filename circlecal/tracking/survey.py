@@ -10,6 +10,7 @@ import numpy as np
 
 from circlecal.config import Config
 from circlecal.field import Circle, FieldTemplate
+from circlecal.geometry.least_squares import invert_normal
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import Surface
 from circlecal.pipeline import field_of
@@ -40,7 +41,6 @@ from circlecal.tracking.pitch import (
     search_width,
 )
 from circlecal.tracking.tripod_fit import TripodFit, count_alike, fit_tripod, free_parameters, start_tripod
-from circlecal.tracking.tripod_problem import inverse_of_normal
 
 _log = logging.getLogger(__name__)
 
@@ -417,7 +417,7 @@ def _precision(tripod: TripodEstimate, sd: Array, slack: float = SLACK) -> Array
     """Information (K, K) of a tripod's free parameters where its variances are so many times what it says."""
     free = free_parameters(sd)
     precision = np.zeros((len(sd), len(sd)))
-    precision[np.ix_(free, free)] = inverse_of_normal(slack * tripod.covariance[np.ix_(free, free)])
+    precision[np.ix_(free, free)] = invert_normal(slack * tripod.covariance[np.ix_(free, free)])
     return precision
 
 

@@ -169,7 +169,7 @@ def fit_tripod(
         used=tuple(frame.name for frame in frames),
         painters=painters,
     )
-    return TripodFit(estimate, at.heads, rms, clear_rms, problem.cost(at), max(spread, 1.0))
+    return TripodFit(estimate, at.heads, rms, clear_rms, float(at.cost[0]), max(spread, 1.0))
 
 
 def _measure_spread(

@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from circlecal.geometry.projective import Array, Indices
+from circlecal.geometry.least_squares import Step, StoppingRule, invert_normal, minimise
+from circlecal.geometry.projective import Array, Indices, Mask
 from circlecal.rig.tripod import COMMON, TripodEstimate, TripodModel
 from circlecal.tracking.frame_paint import (
     FramePaint,
@@ -25,11 +26,8 @@ from circlecal.tracking.frame_paint import (
 from circlecal.tracking.markings import DrawnTemplate
 from circlecal.tracking.painters import move_by_errors
 
-ITERATIONS = 15
-ARRIVED = 1e-4
-"""Share of the cost by which the last step must lower it for another one."""
-FIRST_DAMPING = 1e-4
-MOST_DAMPING, LEAST_DAMPING = 1e4, 1e-10
+RULE = StoppingRule(1e-4, unit=np.inf, last_step=True, iterations=15)
+"""Of a tripod's fit: frames add up, so what is worth a step is a share of the cost."""
 LARGEST_STEP = 0.3
 """Of the logarithm of focal length and of angles, in one iteration."""
 BEYOND_PARTS = 1.5
@@ -78,11 +76,25 @@ class Normal:
 
 @dataclass(frozen=True, slots=True)
 class TripodState:
-    """Heads (F, 3) and common parameters (K,) of a problem, and its equations there."""
+    """Heads (F, 3) and common parameters (K,) of a problem, its equations there, and the cost of the prior."""
 
     heads: Array
     common: Array
     normal: Normal
+    prior_cost: float
+
+    @property
+    def cost(self) -> Array:
+        """Of the paint and of the prior (1,)."""
+        return np.array([self.normal.cost + self.prior_cost])
+
+    def select(self, index: Indices | Mask) -> TripodState:
+        """The only start."""
+        return self
+
+    def put(self, index: Indices, other: TripodState) -> TripodState:
+        """The other state, where the only start is at the index."""
+        return other if len(index) else self
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,47 +162,19 @@ class TripodProblem:
 
     def evaluate(self, heads: Array, common: Array, loss_scale: float) -> TripodState:
         """The equations at heads (F, 3) and common parameters (K,)."""
-        return TripodState(heads, common, Normal.of(list(self.paint(heads, common)), loss_scale))
-
-    def cost(self, at: TripodState) -> float:
-        """Of the paint and of the prior."""
         away = np.zeros(len(COMMON))
-        away[self.free] = (at.common - self.mean)[self.free]
-        return at.normal.cost + float(away @ self.precision @ away)
+        away[self.free] = (common - self.mean)[self.free]
+        normal = Normal.of(list(self.paint(heads, common)), loss_scale)
+        return TripodState(heads, common, normal, float(away @ self.precision @ away))
 
     def minimise(self, heads: Array, common: Array, loss_scale: float) -> TripodState:
-        """The optimum from a start, by Levenberg and Marquardt's method."""
-        damping = FIRST_DAMPING
-        now = self.evaluate(heads, common, loss_scale)
-        for _ in range(ITERATIONS):
-            change_o, change_c = self._step(now, damping)
-            shorten = max(1.0, float(np.abs(change_o).max(initial=0.0)) / LARGEST_STEP)
-            then = self.evaluate(now.heads + change_o / shorten, now.common + change_c / shorten, loss_scale)
-            before, after = self.cost(now), self.cost(then)
-            if after < before:
-                now = then
-                damping = max(damping / 10.0, LEAST_DAMPING)
-                if before - after < ARRIVED * max(before, 1.0):
-                    break
-            else:
-                damping *= 10.0
-                if damping > MOST_DAMPING:
-                    break
-        return now
-
-    def _step(self, now: TripodState, damping: float) -> tuple[Array, Array]:
-        """Changes of the heads (F, 3) and of the common parameters (K,)."""
-        normal = now.normal
-        reduced, solved = normal.eliminate(self.precision, damping)
-        by_own = np.einsum("foc,fo->c", normal.H_oc, solved[..., -1])
-        gradient = normal.g_c + self.precision @ (now.common - self.mean) - by_own
-        change = np.zeros(len(COMMON))
-        change[self.free] = -self.invert(reduced) @ gradient[self.free]
-        return -solved[..., -1] - solved[..., :-1] @ change, change
+        """The optimum from a start."""
+        start = self.evaluate(heads, common, loss_scale)
+        return minimise(_TripodSteps(self, loss_scale), start, RULE).state
 
     def invert(self, reduced: Array) -> Array:
         """Covariance of the parameters that are estimated, from a common block (K, K) without the frames' own ones."""
-        return inverse_of_normal(reduced[np.ix_(self.free, self.free)])
+        return invert_normal(reduced[np.ix_(self.free, self.free)])
 
     def move_by_errors(self, at: TripodState, loss_scale: float, by_errors: Array) -> Iterator[Array]:
         """By how much painters' errors move the distances of each frame's paint (M, E), after the common parameters
@@ -275,7 +259,43 @@ class TripodProblem:
         return float((left**2).sum())
 
 
-def inverse_of_normal(matrix: Array) -> Array:
-    """Inverse of a normal matrix of quantities of very different size."""
-    size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    return np.asarray(np.linalg.pinv(matrix / np.outer(size, size), rcond=1e-13, hermitian=True) / np.outer(size, size))
+@dataclass(frozen=True, slots=True)
+class _TripodSteps:
+    """The steps of a tripod's fit under a robust loss, as :class:`circlecal.geometry.least_squares.Problem`."""
+
+    problem: TripodProblem
+    loss_scale: float
+
+    def step(self, state: TripodState, damping: Array) -> Step:
+        """One damped step of the heads and of the common parameters, the heads' blocks eliminated."""
+        problem, normal = self.problem, state.normal
+        reduced, solved = normal.eliminate(problem.precision, float(damping[0]))
+        slope_c = normal.g_c + problem.precision @ (state.common - problem.mean)
+        by_own = np.einsum("foc,fo->c", normal.H_oc, solved[..., -1])
+        common = np.zeros(len(COMMON))
+        common[problem.free] = -problem.invert(reduced) @ (slope_c - by_own)[problem.free]
+        heads = -solved[..., -1] - solved[..., :-1] @ common
+        shorten = max(1.0, float(np.abs(heads).max(initial=0.0)) / LARGEST_STEP)
+        heads, common = heads / shorten, common / shorten
+        # -(2 g^T d + d^T N d), block by block
+        slope = float((normal.g_o * heads).sum() + slope_c @ common)
+        bend = np.einsum("fo,fop,fp->", heads, normal.H_oo, heads) + common @ (normal.H_cc + problem.precision) @ common
+        bend += 2.0 * np.einsum("fo,foc,c->", heads, normal.H_oc, common)
+        change = np.concatenate([heads.ravel(), common])
+        now = np.concatenate([state.heads.ravel(), state.common])
+        promise = np.array([-2.0 * slope - float(bend)])
+        return Step((now + change)[None], change[None], promise, promise)
+
+    def follow(self, state: TripodState, step: Step, index: Indices) -> TripodState:
+        """The state where a step has led, evaluated anew."""
+        heads, common = np.split(step.parameters[0], [state.heads.size])
+        return self.problem.evaluate(heads.reshape(state.heads.shape), common, self.loss_scale)
+
+    def bend(self, state: TripodState, step: Step, proposal: TripodState) -> TripodState | None:
+        """The frames' starts are near: steps are straight."""
+        return None
+
+    def extrapolate(self, state: TripodState, step: Step) -> TripodState:
+        """The state after a step that is not worth another one, evaluated; the state itself where that raises it."""
+        ahead = self.follow(state, step, np.zeros(1, dtype=np.int_))
+        return ahead if ahead.cost[0] < state.cost[0] else state
