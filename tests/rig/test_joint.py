@@ -277,3 +277,14 @@ def test_what_is_known_of_a_tripod_is_not_estimated(scene):
     of_free = free.mappings(state.own, both)
     np.testing.assert_allclose(by_own, of_free[0])
     np.testing.assert_allclose(by_common, of_free[1][..., :-3])
+
+
+def test_what_frames_say_of_a_camera_hangs_on_where_it_points_not_on_where_it_was_thought_to_stand(scene):
+    problems, truth = scene
+    problem = joint_problem(problems, {}, {}, float(np.median(truth[:, 0])), turning=ON_TRIPOD)
+    state = minimise_joint(problem, start_state(problem, truth))
+    elsewhere = truth[1].copy()
+    elsewhere[[INDEX["x"], INDEX["y"], INDEX["z"]]] += (4.0, -3.0, 2.0)
+    near, far = (shared_prior(problem, state, 1, theta) for theta in (truth[1], elsewhere))
+    np.testing.assert_allclose(far.mean, near.mean, atol=1e-9)
+    np.testing.assert_allclose(far.covariance, near.covariance, rtol=1e-9, atol=1e-12)
