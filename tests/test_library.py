@@ -593,3 +593,13 @@ def test_a_damaged_result(tmp_path):
     (tmp_path / "x.json").write_text("{}")
     with pytest.raises(InputError, match=r"x\.json"):
         circlecal.load(tmp_path / "x.json")
+
+
+@pytest.mark.parametrize("content", [b"\xff\xd8\xff\xe0", b'{"shapes": []}', b""])
+def test_a_result_replaces_nothing_but_a_result(content, good, tmp_path):
+    file = tmp_path / "frame.jpg"
+    file.write_bytes(content)
+    with pytest.raises(InputError, match=r"frame\.jpg: exists and is no result of circlecal; choose another name"):
+        good.save(file)
+    assert file.read_bytes() == content
+    assert good.save(tmp_path) == good.save(tmp_path)

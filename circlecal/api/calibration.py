@@ -435,7 +435,8 @@ class Calibration:
         Raises
         ------
         InputError
-            It cannot be written.
+            The file cannot be written, or it exists and is no result of circlecal: a picture or an annotation is never
+            written over.
         """
         file = Path(path)
         file = file / f"{as_stem(self.id)}.json" if is_folder(file) or not file.suffix else file
