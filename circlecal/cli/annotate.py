@@ -45,7 +45,7 @@ def annotate(
     settings: options.Settings = None,
     camera_prior: options.CameraPrior = None,
     venue: options.VenueFile = None,
-    field: options.FieldName = None,
+    field: options.OneFieldName = None,
     quiet: options.Quiet = False,
     verbose: options.Verbose = False,
 ) -> None:

@@ -27,7 +27,7 @@ def convert(
     out: options.Out = Path("circlecal-out"),
     from_format: options.FromFormat = None,
     size: options.Size = None,
-    field: options.FieldName = None,
+    field: options.OneFieldName = None,
     settings: options.Settings = None,
     quiet: options.Quiet = False,
     verbose: options.Verbose = False,

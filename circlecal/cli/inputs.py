@@ -66,12 +66,20 @@ def choose_inputs(
     InputError
         Nothing to calibrate, an option that does not fit, or a result that would be written over its source.
     """
+    named = _expand_frames(inputs, run)
+    leave_to_batch(named, report)
+    return _frames_of(named.paths, run, out, report)
+
+
+def _expand_frames(inputs: Sequence[str], run: FrameRun) -> Inputs:
+    """What is named. In a folder of videos annotations are frames only where the user names their format: mostly they
+    are what a command wrote of the videos.
+    """
     from circlecal.formats.registry import annotation_suffixes
     from circlecal.pictures.inputs import expand_inputs
 
-    named = expand_inputs(inputs, annotation_suffixes())
-    leave_to_batch(named, report)
-    return _frames_of(named.paths, run, out, report)
+    is_named = run.format_name is not None and run.keypoints is None
+    return expand_inputs(inputs, annotation_suffixes() if is_named else ())
 
 
 def leave_to_batch(named: Inputs, report: Callable[[Exception], None], with_options: str = "") -> None:
@@ -175,13 +183,11 @@ def choose_frames_and_videos(
     """
     from circlecal.errors import InputError
     from circlecal.files import is_folder
-    from circlecal.formats.registry import annotation_suffixes
     from circlecal.pictures.files import NoFramesError, PictureFile, distinct_names
-    from circlecal.pictures.inputs import expand_inputs
     from circlecal.pictures.remote import url_names
     from circlecal.pictures.video import Video
 
-    named = expand_inputs(inputs, annotation_suffixes())
+    named = _expand_frames(inputs, run)
     names = distinct_names([path.stem for path in named.videos])
     videos = []
     for video, name in zip(named.videos, names, strict=True):

@@ -28,7 +28,12 @@ def complete_field(incomplete: str) -> list[str]:
     """Names of shipped field templates that begin so, for the shell."""
     from circlecal.field import field_names
 
-    return [name for name in ("auto", *field_names()) if name.startswith(incomplete)]
+    return [name for name in field_names() if name.startswith(incomplete)]
+
+
+def complete_field_or_auto(incomplete: str) -> list[str]:
+    """Names of shipped field templates that begin so, and ``auto``, for the shell."""
+    return [name for name in ("auto",) if name.startswith(incomplete)] + complete_field(incomplete)
 
 
 def _require_folder(folder: Path | None) -> Path | None:
@@ -128,9 +133,19 @@ FieldName = Annotated[
         "--field",
         metavar="NAME|FILE",
         help="Field template; see circlecal fields. auto: the one that the picture shows. (default: soccer)",
+        autocompletion=complete_field_or_auto,
+    ),
+]
+OneFieldName = Annotated[
+    str | None,
+    typer.Option(
+        "--field",
+        metavar="NAME|FILE",
+        help="Field template; see circlecal fields. (default: soccer)",
         autocompletion=complete_field,
     ),
 ]
+"""For commands that must know the field before they see a picture."""
 CameraPrior = Annotated[
     Path | None,
     typer.Option("--camera-prior", metavar="FILE", help="Known camera: a prior file, or the result of another frame."),

@@ -39,7 +39,8 @@ class Inputs:
 
 
 def expand_inputs(inputs: Sequence[str | Path], annotation_suffixes: Collection[str] = ()) -> Inputs:
-    """Everything that was named; a folder of videos alone is not among the paths.
+    """Everything that was named; a folder of videos is among the paths only where it holds pictures, or files of the
+    annotation suffixes.
 
     Understood are pictures, annotation files, videos and folders of them; patterns such as ``day1/*.jpg``; numbered
     sequences such as ``frame_%05d.png``; URLs of pictures; and lists, ``@names`` or ``names.txt``, with one of these
