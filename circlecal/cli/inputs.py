@@ -154,6 +154,19 @@ def _frames_of(
     return [*frames, *annotated]
 
 
+def note_idle_sizes(
+    frames: Sequence[PictureFile | FrameOfFile], size: str | None, to: Sequence[str] | None, eval_size: str | None
+) -> None:
+    """Say which of ``--size`` and ``--eval-size`` was given and counts for nothing."""
+    from circlecal.cli import console
+    from circlecal.formats.inputs import FrameOfFile
+
+    if size is not None and frames and not any(isinstance(frame, FrameOfFile) for frame in frames):
+        console.print_note("--size counts for annotation files without a size, and only pictures are given")
+    if eval_size is not None and not to:
+        console.print_note("--eval-size counts for what --to writes, and no --to is given")
+
+
 def note_unused_annotations(frames: Sequence[PictureFile]) -> None:
     """Say that annotations of other programs lie beside pictures and are not used.
 

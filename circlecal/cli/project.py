@@ -33,13 +33,21 @@ class Target(StrEnum):
         return ("px", "m") if self is Target.FIELD else ("m", "px")
 
 
+def _parse_coordinate(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise typer.BadParameter(f"{text!r} is no number; separate X and Y by a blank") from None
+
+
 def project(
     result: Annotated[
         Path, typer.Argument(metavar="RESULT", help="Result file of circlecal calibrate; with --points a run too.")
     ],
     *,
     coordinates: Annotated[
-        list[float] | None, typer.Argument(metavar="X Y", help="Pixels for --to field, metres for --to image.")
+        list[float] | None,
+        typer.Argument(metavar="X Y", parser=_parse_coordinate, help="Pixels for --to field, metres for --to image."),
     ] = None,
     points: Annotated[
         Path | None,
@@ -52,7 +60,9 @@ def project(
     from circlecal.api.tables import TablePoint, project_points
     from circlecal.cli import console
     from circlecal.errors import InputError
+    from circlecal.files import is_folder
     from circlecal.records.json_text import read_result
+    from circlecal.records.log import is_log
 
     if points is not None:
         if coordinates:
@@ -61,6 +71,10 @@ def project(
         return
     if not coordinates or len(coordinates) % 2 or not all(map(math.isfinite, coordinates)):
         raise InputError("project takes finite numbers in pairs: X Y [X Y ...]")
+    if is_folder(result) or is_log(result):
+        raise InputError(
+            f"{result}: holds the results of a run; give a result file of circlecal calibrate, or --points with a run"
+        )
     stored = read_result(result)
     if stored.status != "calibrated" or stored.view is None:
         console.print_error(f"{result}: {stored.id} was refused, so nothing can be projected: {stored.reason}")

@@ -60,7 +60,7 @@ def expand_inputs(inputs: Sequence[str | Path], annotation_suffixes: Collection[
                 urls.append(path)
             elif is_folder(path):
                 files = list(walk(path))
-                held = [file for file in files if _is_video(file)]
+                held = [file for file in files if is_video(file)]
                 videos += held
                 if not held or any(file.suffix.lower() in (*PICTURE_SUFFIXES, *annotation_suffixes) for file in files):
                     paths.append(path)
@@ -144,8 +144,8 @@ def _find_sequence(given: Path) -> Iterator[Path]:
     yield from (path for _, path in sorted(found))
 
 
-def _is_video(path: Path) -> bool:
-    """By its suffix, which TypeScript shares with transport streams."""
+def is_video(path: Path) -> bool:
+    """Whether a file is a video by its suffix, which TypeScript shares with transport streams."""
     suffix = path.suffix.lower()
     if suffix != ".ts":
         return suffix in VIDEO_SUFFIXES

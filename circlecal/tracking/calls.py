@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from circlecal.api import Calibration
-from circlecal.api.calls import Settings, configure
+from circlecal.api.calls import Settings, configure, open_video
 from circlecal.config import AUTO, Config
 from circlecal.errors import ConfigError
 from circlecal.field import FieldTemplate
@@ -59,13 +59,13 @@ def track(
     Raises
     ------
     InputError
-        No video, times that are none, or a damaged venue.
+        No video but a picture, say, times that are none, or a damaged venue.
     ConfigError
         As for :func:`circlecal.calibrate`.
     """
     chosen = configure(config, field, set)
     sampling = Sampling.parse(str(every), *(None if time is None else str(time) for time in (start, end)))
-    video = Video.open(Path(path), Path(path).stem)
+    video = open_video(path, chosen)
     if venue is None:
         chosen = name_field([video], sampling, chosen)
     elif chosen.field.template == AUTO:

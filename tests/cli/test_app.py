@@ -217,7 +217,7 @@ def test_one_thread_of_linear_algebra_unless_more_are_wanted(given, threads):
         ("field: {sizes: {lenght: 100}}", "field.sizes.lenght is unknown; known in"),
         (
             "field: {sizes: {length: 100000}}",
-            "with field.sizes.length=100000: length_m: should be less than",
+            "field.sizes.length=100000: length_m: should be less than",
         ),
         ("field: {template: nosuch}", "field 'nosuch' is unknown"),
         ("field: {circle: nosuch}", "field.circle: 'nosuch' is not a circle of soccer"),
