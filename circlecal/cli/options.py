@@ -174,7 +174,8 @@ Solver = Annotated[
         "--solver",
         metavar="NAME",
         help="A published method instead of circlecal's camera: great_axis, footyvision, magera_case1, magera_case2, "
-        "magera_case3, alvarez_caselles, gupta, chum_matas, chen_wu, huang_self_polar, tvcalib_like, pnl_like.",
+        "magera_case3, alvarez_caselles, gupta, chum_matas, chen_wu, huang_self_polar, tvcalib_like, pnl_like; or "
+        "circlecal's own as a peer of these: circlecal, circlecal_default.",
     ),
 ]
 

@@ -37,7 +37,6 @@ def test_help_names_formats_solvers_and_defaults(run_circlecal, monkeypatch):
     read, cameras = annotation_formats(), camera_formats()
     written = {name for name, form in read.items() if form.write is not None} | set(cameras)
     named = {"calibrate": {*read, *calibration_formats(), *solver_names()}, "convert": {*written, "parquet"}}
-    named["calibrate"] -= {"circlecal", "circlecal_default"}
     named["batch"] = named["calibrate"] | {"parquet"}
     for command, names in named.items():
         words = set(re.findall(r"[\w]+", run_circlecal(command, "--help").out))
