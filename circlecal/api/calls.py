@@ -85,9 +85,14 @@ def calibrate(
     Raises
     ------
     InputError
-        The picture, the mask or the points are unusable.
+        The picture, the mask or the points are unusable; a video where a picture is meant.
     ConfigError
         The configuration, its field template or a network is unusable.
+    MissingExtraError
+        The configuration names a network, and the package that runs it is not installed.
+    TypeError
+        The picture is neither an array nor a path, as the None of ``cv2.imread`` for a file that it cannot read; or a
+        configuration or settings of another kind.
     """
     chosen = configure(config, field, set)
     if not isinstance(image, np.ndarray | str | Path):
@@ -297,8 +302,8 @@ def calibrate_points(
     ------
     InputError
         A name that the field does not have, something that is no point, or a picture without a width or height.
-    ConfigError
-        As for :func:`calibrate`.
+    ConfigError, TypeError
+        As for :func:`calibrate`, of the configuration.
     """
     chosen = configure(config, field, set)
     if convention not in get_args(Convention):
@@ -346,8 +351,8 @@ def calibrate_video(
     Raises
     ------
     InputError
-        No video but a picture, say, or times that are none.
-    ConfigError
+        The file is missing, is a picture, or no video; or a time that is none.
+    ConfigError, MissingExtraError, TypeError
         As for :func:`calibrate`.
     """
     chosen = configure(config, field, set)

@@ -41,7 +41,8 @@ def track(
     path : path
         The video.
     config, field, set : optional
-        As for :func:`circlecal.calibrate`; of the field ``auto`` some frames of the clip are looked at first.
+        As for :func:`circlecal.calibrate`. With ``field="auto"`` some frames of the clip are looked at first to find the
+        sport.
     every : str or int
         A number of frames, or a time such as ``"200ms"``; every frame by default. Those between are followed too.
     start, end : str or float, optional
@@ -59,8 +60,8 @@ def track(
     Raises
     ------
     InputError
-        No video but a picture, say, times that are none, or a damaged venue.
-    ConfigError
+        The file is missing, is a picture, or no video; a time that is none, or a damaged venue.
+    ConfigError, MissingExtraError, TypeError
         As for :func:`circlecal.calibrate`.
     """
     chosen = configure(config, field, set)
