@@ -5,4 +5,13 @@ from circlecal.api.calls import calibrate, calibrate_points, calibrate_video
 from circlecal.api.run import Run, load
 from circlecal.api.transformer import ViewTransformer
 
-__all__ = ["Calibration", "Run", "SurePoints", "ViewTransformer", "calibrate", "calibrate_points", "calibrate_video", "load"]
+__all__ = [
+    "Calibration",
+    "Run",
+    "SurePoints",
+    "ViewTransformer",
+    "calibrate",
+    "calibrate_points",
+    "calibrate_video",
+    "load",
+]

@@ -289,8 +289,8 @@ class Calibration:
 
     @property
     def K(self) -> Array | None:
-        """Calibration matrix (3, 3), pixels, as ``cv2.projectPoints`` and ``cv2.undistort`` take it; None where there is
-        no :attr:`camera`.
+        """Calibration matrix (3, 3), pixels, as ``cv2.projectPoints`` and ``cv2.undistort`` take it; None where there
+        is no :attr:`camera`.
         """
         return None if self.camera is None else self.camera.K
 

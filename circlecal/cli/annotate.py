@@ -37,10 +37,7 @@ def annotate(
         str | None,
         typer.Option("--part", metavar="K/N", help="Only the K-th of N equal parts, for one of several people."),
     ] = None,
-    every: Annotated[
-        str | None,
-        typer.Option("--every", metavar="TIME|N", help="Of videos: a frame a TIME, or each N-th. (default: 1s)"),
-    ] = None,
+    every: options.Every = None,
     config: options.ConfigFile = None,
     settings: options.Settings = None,
     camera_prior: options.CameraPrior = None,

@@ -38,19 +38,21 @@ def batch(
         typer.Option("--out", "-o", help="Folder of the run; take another one for results of circlecal calibrate."),
     ] = Path("circlecal-run"),
     workers: options.Workers = None,
-    every: Annotated[
-        str | None,
-        typer.Option("--every", metavar="TIME|N", help="Of videos: a frame a TIME, or each N-th. (default: 1s)"),
-    ] = None,
-    start: Annotated[str | None, typer.Option("--start", metavar="TIME", help="Of videos: from here, H:MM:SS.")] = None,
-    end: Annotated[str | None, typer.Option("--end", metavar="TIME", help="Of videos: up to here.")] = None,
+    every: options.Every = None,
+    start: options.Start = None,
+    end: options.End = None,
     scheduler: options.Scheduler = None,
     files: Annotated[
         bool, typer.Option("--files", help="Also write a result file and pictures per frame, like calibrate.")
     ] = False,
     restart: Annotated[bool, typer.Option("--restart", help="Start over instead of going on.")] = False,
     rig: Annotated[
-        bool, typer.Option("--rig", help="Then all frames again with what those of each camera share, in OUT/rig.")
+        bool,
+        typer.Option(
+            "--rig",
+            help="Afterwards calibrate all frames again with what the frames of each camera share; results go to "
+            "OUT/rig.",
+        ),
     ] = False,
     mask: options.Mask = None,
     keypoints: options.Keypoints = None,

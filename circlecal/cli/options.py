@@ -114,6 +114,21 @@ Size = Annotated[
     typer.Option("--size", metavar="WIDTHxHEIGHT", help="Size of the pictures, where an annotation file has none."),
 ]
 Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for everything that is written.")]
+Every = Annotated[
+    str | None,
+    typer.Option(
+        "--every",
+        metavar="TIME|N",
+        help="Take one frame per TIME (1s, 500ms), or every N-th frame, of a video. (default: 1s)",
+    ),
+]
+Start = Annotated[
+    str | None,
+    typer.Option("--start", metavar="TIME", help="Take a video from here on: seconds, MM:SS or H:MM:SS."),
+]
+End = Annotated[
+    str | None, typer.Option("--end", metavar="TIME", help="Take a video up to here: seconds, MM:SS or H:MM:SS.")
+]
 Mask = Annotated[
     Path | None,
     typer.Option(
@@ -217,6 +232,8 @@ Radar = Annotated[bool, typer.Option("--radar", help="Also write the frame warpe
 NoOverlay = Annotated[bool, typer.Option("--no-overlay", help="Do not write overlay pictures.")]
 Json = Annotated[bool, typer.Option("--json", help="Print results as JSON, one line each.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
+QuietNotes = Annotated[bool, typer.Option("--quiet", "-q", help="Leave out notes and warnings.")]
+"""For commands whose output is all that they are for."""
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Log what is done.")]
 
 

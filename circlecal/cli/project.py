@@ -55,6 +55,8 @@ def project(
     ] = None,
     to: Annotated[Target, typer.Option("--to", help="field: pixels to metres; image: metres to pixels.")],
     as_json: options.Json = False,
+    quiet: options.QuietNotes = False,
+    verbose: options.Verbose = False,
 ) -> None:
     """Take points from the picture to the field or back, with the camera's lens where the result has a camera."""
     from circlecal.api.tables import TablePoint, project_points
@@ -64,6 +66,7 @@ def project(
     from circlecal.records.json_text import read_result
     from circlecal.records.log import is_log
 
+    console.configure_logging(quiet=quiet, verbose=verbose)
     if points is not None:
         if coordinates:
             raise InputError("project takes X Y [X Y ...] or --points, not both")
@@ -81,7 +84,8 @@ def project(
         raise typer.Exit(1)
     given = [TablePoint(stored.id, x, y) for x, y in zip(coordinates[::2], coordinates[1::2], strict=True)]
     found = project_points(stored, given, to.value)
-    _note_open_size(stored)
+    if not quiet:
+        _note_open_size(stored)
     if as_json:
         for point in found:
             console.print_json(json.dumps(_json_line(point, to)))

@@ -30,11 +30,12 @@ def track(
         typer.Option(
             "--every",
             metavar="TIME|N",
-            help="Answer a frame a TIME, or each N-th; all are followed. (default: 1, every frame)",
+            help="Answer one frame per TIME (1s, 500ms), or every N-th frame; all are followed. (default: 1, every "
+            "frame)",
         ),
     ] = None,
-    start: Annotated[str | None, typer.Option("--start", metavar="TIME", help="From here, H:MM:SS.")] = None,
-    end: Annotated[str | None, typer.Option("--end", metavar="TIME", help="Up to here.")] = None,
+    start: options.Start = None,
+    end: options.End = None,
     scheduler: options.Scheduler = None,
     restart: Annotated[bool, typer.Option("--restart", help="Start over instead of going on.")] = False,
     venue: options.VenueFile = None,

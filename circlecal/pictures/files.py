@@ -30,7 +30,15 @@ MASK_FOLDER = "masks"
 OVERLAY_SUFFIX, RADAR_SUFFIX, DEBUG_SUFFIX = ".overlay.jpg", ".radar.jpg", ".debug"
 REPORT_FOLDER = "circlecal-report"
 _DIGITS = re.compile(r"([0-9]+)")
-OWN_FOLDERS = ("circlecal-out", "circlecal-run", "circlecal-debug", "circlecal-track", "circlecal-rig", REPORT_FOLDER)
+OWN_FOLDERS = (
+    "circlecal-out",
+    "circlecal-run",
+    "circlecal-debug",
+    "circlecal-track",
+    "circlecal-rig",
+    "circlecal-simulate",
+    REPORT_FOLDER,
+)
 STAGE_SHEET = "contact-sheet"
 LAST_STAGE = "09-verdict"
 """The two pictures that every folder of stages has, whatever its name is."""

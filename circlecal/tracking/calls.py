@@ -41,8 +41,8 @@ def track(
     path : path
         The video.
     config, field, set : optional
-        As for :func:`circlecal.calibrate`. With ``field="auto"`` some frames of the clip are looked at first to find the
-        sport.
+        As for :func:`circlecal.calibrate`. With ``field="auto"`` some frames of the clip are looked at first to find
+        the sport.
     every : str or int
         A number of frames, or a time such as ``"200ms"``; every frame by default. Those between are followed too.
     start, end : str or float, optional
