@@ -126,7 +126,9 @@ def load(path: str | Path, field: str | Path | None = None) -> Any:
     if is_folder(file):
         is_run = find_results(file)[0].name == RESULTS_NAME
         if not is_run and next(scan_records(file, ResultRow), None) is None:
-            raise InputError(f"{file}: holds no results; give the --out folder of circlecal batch, track or calibrate")
+            raise InputError(
+                f"{file}: holds no results; give the folder that circlecal batch, track or calibrate wrote"
+            )
         return Run(file, field)
     if is_log(file):
         return Run(file, field)

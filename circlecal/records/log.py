@@ -34,7 +34,7 @@ _APPEND = os.O_RDWR | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0)
 _SYNC_SECONDS = 1.0
 _ROWS_AT_ONCE = 1000
 _MEND = "mend or remove it, or run the same command again"
-_GIVE = "give the --out folder of circlecal batch, track or calibrate"
+_GIVE = "give the folder that circlecal batch, track or calibrate wrote"
 
 _log = logging.getLogger(__name__)
 
