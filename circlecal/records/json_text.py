@@ -11,8 +11,8 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 from pydantic_core import PydanticSerializationError
 
-from circlecal.errors import InputError, explain_problem
-from circlecal.files import exists, read_file, write_atomic
+from circlecal.errors import InputError, OutputError, explain_problem
+from circlecal.files import exists, is_folder, read_file, write_atomic
 from circlecal.records.record import SCHEMA_VERSION, ResultRecord, ResultRow
 
 GIVE_A_RESULT = "give a result file of circlecal calibrate"
@@ -53,11 +53,11 @@ def write_result(path: Path, record: ResultRecord) -> None:
 
     Raises
     ------
-    InputError
+    OutputError
         The file cannot be written, or it exists and is no result of circlecal.
     """
-    if exists(path) and not _is_result_file(path):
-        raise InputError(f"{path}: exists and is no result of circlecal; choose another name or folder for the result")
+    if exists(path) and not is_folder(path) and not _is_result_file(path):
+        raise OutputError(f"{path}: exists and is no result of circlecal; choose another name or folder for the result")
     write_atomic(path, (result_line(record) + "\n").encode())
 
 
