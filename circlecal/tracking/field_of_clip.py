@@ -52,8 +52,8 @@ def name_field(videos: Sequence[Video], sampling: Sampling, config: Config) -> C
             return suit_config(config, told.most_common(1)[0][0])
     seen = ", ".join(f"{name} in {count}" for name, count in told.most_common()) or "none in any"
     raise ConfigError(
-        f"field auto: fewer than {config.learning.least_frames} of the frames that were looked at agree on a field "
-        f"({seen}); name it, e.g. {next(iter(told), 'basketball')}"
+        f"--field auto: fewer than {config.learning.least_frames} of the frames that were looked at agree on a field "
+        f"({seen}); name it, e.g. --field {next(iter(told), 'basketball')}"
     )
 
 
