@@ -42,7 +42,9 @@ __all__ = [
     "Config",
     "ConfigError",
     "InputError",
+    "MissingExtraError",
     "Run",
+    "SurePoints",
     "ViewTransformer",
     "__version__",
     "calibrate",
@@ -54,9 +56,18 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
-    from circlecal.api import Calibration, Run, ViewTransformer, calibrate, calibrate_points, calibrate_video, load
+    from circlecal.api import (
+        Calibration,
+        Run,
+        SurePoints,
+        ViewTransformer,
+        calibrate,
+        calibrate_points,
+        calibrate_video,
+        load,
+    )
     from circlecal.config import Config, load_config
-    from circlecal.errors import CirclecalError, ConfigError, InputError
+    from circlecal.errors import CirclecalError, ConfigError, InputError, MissingExtraError
     from circlecal.tracking.calls import track
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
@@ -64,9 +75,9 @@ ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_
 threads that wait for each other only cost time.
 """
 _HOMES = {
-    **dict.fromkeys(("CirclecalError", "ConfigError", "InputError"), "circlecal.errors"),
+    **dict.fromkeys(("CirclecalError", "ConfigError", "InputError", "MissingExtraError"), "circlecal.errors"),
     **dict.fromkeys(("Config", "load_config"), "circlecal.config"),
-    **dict.fromkeys(("Calibration", "Run", "ViewTransformer", "load"), "circlecal.api"),
+    **dict.fromkeys(("Calibration", "Run", "SurePoints", "ViewTransformer", "load"), "circlecal.api"),
     **dict.fromkeys(("calibrate", "calibrate_points", "calibrate_video"), "circlecal.api"),
     "track": "circlecal.tracking.calls",
 }

@@ -14,6 +14,7 @@ import math
 import os
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, get_args
@@ -186,7 +187,18 @@ def config_names() -> list[str]:
     return [*sorted(path.stem for path in folder.glob("*.yaml")), *sorted(networks)]
 
 
-def load_config(file: str | Path | Config | None = None, overrides: Sequence[str] | Mapping[str, Any] = ()) -> Config:
+@dataclass(frozen=True, slots=True)
+class NamedOption:
+    """One option of the configuration, which errors call as the user gave it: ``told``, as ``--max-pixels 10``."""
+
+    key: str
+    value: Any
+    told: str
+
+
+def load_config(
+    file: str | Path | Config | None = None, overrides: Sequence[str | NamedOption] | Mapping[str, Any] = ()
+) -> Config:
     """Configuration from a file and overrides.
 
     Parameters
@@ -194,7 +206,7 @@ def load_config(file: str | Path | Config | None = None, overrides: Sequence[str
     file : path, str or Config, optional
         YAML file, or the name of a configuration that comes with the package, or one that is loaded already; the
         defaults when None.
-    overrides : sequence of str, or mapping
+    overrides : sequence of str or NamedOption, or mapping
         ``section.key=value`` each, the value in YAML; or values by ``section.key``. Later ones win.
 
     Raises
@@ -333,11 +345,13 @@ def _resolve_files(content: dict[str, Any], folder: Path) -> None:
             section[key] = str(folder / str(file))
 
 
-def _apply_override(content: dict[str, Any], override: str | tuple[str, Any]) -> tuple[str, str]:
+def _apply_override(content: dict[str, Any], override: str | NamedOption | tuple[str, Any]) -> tuple[str, str]:
     """Set one option; return its key and what errors call it."""
     if isinstance(override, str):
         key, equals, text = override.partition("=")
         told, value = f"--set {override}", _parse_yaml(text, f"--set {override}") if equals else None
+    elif isinstance(override, NamedOption):
+        key, equals, value, told = override.key, "=", override.value, override.told
     else:
         key, value = override
         if isinstance(value, np.ndarray | np.generic):

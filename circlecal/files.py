@@ -148,7 +148,9 @@ def read_table(lines: Iterable[str], name: str, columns: Sequence[str]) -> Itera
         wrong = next((column for column in columns if named.count(column) != 1), None)
         if wrong is not None:
             what = f"has {'two columns' if wrong in named else 'no column'} {wrong!r}"
-            raise InputError(f"{name}, line 1: {what}; name the columns {', '.join(columns)}, separated by commas")
+            found = ", not by semicolons" if any(";" in column for column in named) else ""
+            wanted = f"name the columns {', '.join(columns)}, separated by commas{found}"
+            raise InputError(f"{name}, line 1: {what}; {wanted}")
         for row in table:
             yield table.line_num, {column: row[column] for column in columns}
     except csv.Error as error:
@@ -209,6 +211,20 @@ def is_folder(path: Path) -> bool:
     """Whether there is such a folder."""
     mode = _mode(path)
     return mode is not None and stat.S_ISDIR(mode)
+
+
+def list_folder(folder: Path) -> list[Path]:
+    """What lies in a folder, in the order of names.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be read.
+    """
+    try:
+        return sorted(folder.iterdir(), key=lambda entry: entry.name)
+    except OSError as error:
+        raise _unreadable(folder, error) from error
 
 
 def _mode(path: Path) -> int | None:
@@ -336,10 +352,10 @@ def _short_name(path: Path) -> str:
     return os.fsdecode(os.fsencode(path.name)[:_MOST_NAME_BYTES])
 
 
-def write_error(path: Path, error: Exception, option: str = "--out") -> OutputError:
-    """The error for a file or folder that cannot be written; ``option`` named it on the command line."""
+def write_error(path: Path, error: Exception, place: str = "folder") -> OutputError:
+    """The error for a file or folder that cannot be written; ``place`` is what the user may choose otherwise."""
     is_full = getattr(error, "errno", 0) in _FULL or "disk is full" in str(error)  # as SQLite says it
-    mend = f"{'free space or ' * is_full}choose another {option}"
+    mend = f"{'free space or ' * is_full}choose another {place}"
     return OutputError(f"{path}: cannot be written: {getattr(error, 'strerror', None) or error}; {mend}")
 
 

@@ -251,7 +251,8 @@ REFUSALS = _by_code(
             "edges_contradict",
             "the marking is far wider or narrower than this camera would show it",
             "Another marking runs beside the circle, or the paint's width differs from the template.",
-            "Give the width of the paint (field.sizes.marking), or a mask without the other marking.",
+            "Check the sport (--field); else give the width of the paint (field.sizes.marking), or a mask without the "
+            "other marking.",
             another_interpretation=True,
         ),
         Refusal(

@@ -147,6 +147,8 @@ def parse_yaml(text: str) -> Any:
         reason = error.problem or error.context or "is not YAML"
         if mark and _is_indented_by_tab(text, mark.line):
             reason = "a tab begins the line; indent with blanks"
+        elif error.context_mark and (error.context or "").startswith("while parsing a flow"):
+            reason += f"; a bracket opened on line {error.context_mark.line + 1} is not closed"
         raise YamlError(reason, mark.line + 1 if mark else None) from error
     except RecursionError as error:
         raise YamlError("is not YAML that is read: nested too deeply") from error

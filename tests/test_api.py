@@ -89,3 +89,37 @@ def test_masks_that_are_none(frame_image):
 def test_an_unknown_field(frame_image):
     with pytest.raises(ConfigError, match="quidditch"):
         circlecal.calibrate(frame_image, config=circlecal.load_config(None, ["field.template=quidditch"]))
+
+
+def test_videos_and_pictures_in_each_others_place_are_told(frame_file, tmp_path):
+    for read in (circlecal.calibrate_video, circlecal.track):
+        with pytest.raises(InputError, match=r"good\.png: is a picture; circlecal\.calibrate takes it"):
+            read(frame_file)
+    video = tmp_path / "match.mp4"
+    video.write_bytes(b"anything")
+    with pytest.raises(InputError, match=r"match\.mp4: is a video; circlecal\.calibrate_video takes it"):
+        circlecal.calibrate(video)
+    with pytest.raises(TypeError, match=r"cv2\.imread returns None where it cannot read the file"):
+        circlecal.calibrate(None)
+
+
+@pytest.mark.parametrize(
+    ("named", "told"),
+    [
+        ({"every": "3x"}, "every 3x: must be"),
+        ({"start": "x"}, "start x: must"),
+        ({"start": 2, "end": 1}, "end 1: is not"),
+    ],
+)
+def test_times_are_named_as_arguments_not_as_options(named, told, tmp_path):
+    for read in (circlecal.calibrate_video, circlecal.track):
+        with pytest.raises(InputError, match=f"^{told}"):
+            read(tmp_path / "match.mp4", **named)
+
+
+def test_where_a_result_cannot_be_saved_no_option_is_named(frame_image, tmp_path):
+    (tmp_path / "file").write_text("")
+    found = circlecal.calibrate_points(size=(960, 540), keypoints={"centre_mark": [480, 270]})
+    with pytest.raises(InputError, match="choose another folder") as told:
+        found.save(tmp_path / "file" / "x.json")
+    assert "--" not in str(told.value)

@@ -593,3 +593,26 @@ def test_a_damaged_result(tmp_path):
     (tmp_path / "x.json").write_text("{}")
     with pytest.raises(InputError, match=r"x\.json"):
         circlecal.load(tmp_path / "x.json")
+
+
+@pytest.mark.parametrize("content", [b"\xff\xd8\xff\xe0", b'{"shapes": []}', b""])
+def test_a_result_replaces_nothing_but_a_result(content, good, tmp_path):
+    file = tmp_path / "frame.jpg"
+    file.write_bytes(content)
+    with pytest.raises(InputError, match=r"frame\.jpg: exists and is no result of circlecal; choose another name"):
+        good.save(file)
+    assert file.read_bytes() == content
+    assert good.save(tmp_path) == good.save(tmp_path)
+
+
+def test_a_homography_without_a_camera_is_ok_and_has_none_of_its_values(frame_image):
+    found = circlecal.calibrate(frame_image, set={"camera.enabled": False})
+    assert found.ok and found.H_image_field is not None
+    values = ("camera", "K", "R", "t", "dist", "position_m", "sigma_px", "sigma_m")
+    assert [name for name in values if getattr(found, name) is not None] == []
+    assert isinstance(found.to_field([480, 270], sigma=True), circlecal.SurePoints)
+
+
+def test_every_public_name_is_there():
+    assert [name for name in circlecal.__all__ if not hasattr(circlecal, name)] == []
+    assert issubclass(circlecal.MissingExtraError, circlecal.CirclecalError)

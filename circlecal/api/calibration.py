@@ -38,7 +38,16 @@ Picture = NDArray[np.uint8]
 
 
 class SurePoints(NamedTuple):
-    """Points (..., 2), and the standard deviation (...,) of the length of the error of each."""
+    """Points with how sure they are, as :meth:`Calibration.to_field` and :meth:`Calibration.to_image` give them with
+    ``sigma=True``.
+
+    Attributes
+    ----------
+    points : (..., 2) array
+        Pixels or metres; nan where a point is nowhere.
+    sigma : (...,) array
+        Standard deviation of the length of the error of each, in the unit of the points; nan where it is not known.
+    """
 
     points: Array
     sigma: Array
@@ -164,13 +173,18 @@ class Calibration:
             Pixels, also of what lies outside the picture; nan behind the camera, where the lens model folds back, and
             for a refused frame. The standard deviation is that of the length of the error, pixels; nan where it is not
             known, as for points in space.
+
+        Raises
+        ------
+        ValueError
+            The last axis does not hold two or three numbers.
         """
         return self._answer(points_m, None if self.view is None else self.view.project, sigma, (2, 3))
 
     def image_covariance(self, points_m: PointsLike) -> Array:
         """Covariances (..., 2, 2), pixels squared, of where field points (..., 2) are seen; nan where not known.
 
-        ``to_image(points_m, sigma=True).sigma`` is the root of their traces.
+        ``to_image(points_m, sigma=True).sigma`` is the root of their traces. Points of another shape are a ValueError.
         """
         points = _points(points_m)
         return np.full((*points.shape, 2), np.nan) if self.view is None else self.view.image_covariance(points)
@@ -178,7 +192,7 @@ class Calibration:
     def field_covariance(self, points_px: PointsLike) -> Array:
         """Covariances (..., 2, 2), square metres, of the field points seen at pixels (..., 2); nan where not known.
 
-        ``to_field(points_px, sigma=True).sigma`` is the root of their traces.
+        ``to_field(points_px, sigma=True).sigma`` is the root of their traces. Points of another shape are a ValueError.
         """
         points = _points(points_px)
         return np.full((*points.shape, 2), np.nan) if self.view is None else self.view.field_covariance(points)
@@ -204,6 +218,11 @@ class Calibration:
         (..., 2) array, or SurePoints with ``points`` (..., 2) and ``sigma`` (...,)
             Metres; nan on and above the horizon, where the ray meets no surface, and for a refused frame. The standard
             deviation is that of the length of the error, metres; nan where it is not known.
+
+        Raises
+        ------
+        ValueError
+            The last axis does not hold two numbers.
         """
         return self._answer(points_px, None if self.view is None else self.view.to_field, sigma)
 
@@ -259,43 +278,58 @@ class Calibration:
 
     @property
     def camera(self) -> Camera | None:
-        """The camera with its lens; None for a refused frame, or where only a homography was asked for."""
+        """The camera with its lens.
+
+        None for a refused frame, and where only a homography was asked for: with ``camera.enabled=False``, or with the
+        ``solver`` of a published method. Such a frame is ``ok`` and has :attr:`H_image_field`, while :attr:`K`,
+        :attr:`R`, :attr:`t`, :attr:`dist`, :attr:`position_m`, :attr:`sigma_px` and :attr:`sigma_m` are None.
+        """
         fit = self.found.attempt.camera if self.ok else None
         return None if fit is None else fit.camera
 
     @property
     def K(self) -> Array | None:
-        """Calibration matrix (3, 3), as ``cv2.projectPoints`` and ``cv2.undistort`` take it."""
+        """Calibration matrix (3, 3), pixels, as ``cv2.projectPoints`` and ``cv2.undistort`` take it; None where there
+        is no :attr:`camera`.
+        """
         return None if self.camera is None else self.camera.K
 
     @property
     def R(self) -> Array | None:
-        """Rotation (3, 3) from field to camera; ``cv2.Rodrigues`` makes the vector of it that OpenCV takes."""
+        """Rotation (3, 3) from field to camera; ``cv2.Rodrigues`` makes the vector of it that OpenCV takes. None where
+        there is no :attr:`camera`.
+        """
         return None if self.camera is None else self.camera.R
 
     @property
     def t(self) -> Array | None:
-        """Translation (3,) from field to camera, metres, as OpenCV takes it."""
+        """Translation (3,) from field to camera, metres, as OpenCV takes it; None where there is no :attr:`camera`."""
         return None if self.camera is None else self.camera.t
 
     @property
     def dist(self) -> Array | None:
-        """Distortion coefficients, as OpenCV takes them."""
+        """Distortion coefficients (4,), as OpenCV takes them: k1, k2, 0, 0. None where there is no :attr:`camera`."""
         return None if self.camera is None else self.camera.dist
 
     @property
     def position_m(self) -> Array | None:
-        """Where the camera stands (3,), metres; z points down, so it is negative above the ground."""
+        """Where the camera stands (3,), metres; z points down, so it is negative above the ground. None where there is
+        no :attr:`camera`.
+        """
         return None if self.camera is None else self.camera.position_m
 
     @property
     def sigma_px(self) -> float | None:
-        """Largest predicted standard deviation of a marking near the circle, pixels."""
+        """Largest predicted standard deviation of a marking in view near the circle, pixels; None where there is no
+        :attr:`camera`.
+        """
         return None if self._record.camera is None else self._record.camera.max_sigma_px
 
     @property
     def sigma_m(self) -> float | None:
-        """Largest predicted standard deviation on the field near the circle, metres."""
+        """Largest predicted standard deviation on the field in view near the circle, metres; None where there is no
+        :attr:`camera`.
+        """
         return None if self._record.camera is None else self._record.camera.max_sigma_m
 
     @property
@@ -435,7 +469,8 @@ class Calibration:
         Raises
         ------
         InputError
-            It cannot be written.
+            The file cannot be written, or it exists and is no result of circlecal: a picture or an annotation is never
+            written over.
         """
         file = Path(path)
         file = file / f"{as_stem(self.id)}.json" if is_folder(file) or not file.suffix else file

@@ -17,13 +17,15 @@ from circlecal.api.calibration import Calibration
 from circlecal.config import AUTO, Config, load_config, suit_config, suit_pixels
 from circlecal.errors import ConfigError, InputError
 from circlecal.field import FieldTemplate
+from circlecal.files import is_file
 from circlecal.formats.annotation import Annotation
 from circlecal.formats.inputs import observations_beside, observe_network
 from circlecal.formats.meaning import REFERENCE_WIDTH_PX, observe
 from circlecal.formats.shapes import AnnotatedFrame, Shape
 from circlecal.geometry.projective import PointsLike
 from circlecal.observations import Keypoint, Observations, join_observations
-from circlecal.pictures.files import PictureFile, as_bgr, read_image
+from circlecal.pictures.files import PICTURE_SUFFIXES, PictureFile, as_bgr, read_image
+from circlecal.pictures.inputs import is_video
 from circlecal.pictures.masks import as_class_ids, read_mask
 from circlecal.pictures.video import Sampling, Video
 from circlecal.pipeline import Convention, apply_convention, calibrate_image, field_of, run_observations
@@ -38,6 +40,7 @@ Settings = Mapping[str, Any]
 CLICKED_SIGMA_PX = 1.5
 """Standard deviation of points that people click, pixels at 1920 px width; as for annotation files."""
 
+_OF_CV2 = "; cv2.imread returns None where it cannot read the file"
 _log = logging.getLogger(__name__)
 
 
@@ -82,14 +85,21 @@ def calibrate(
     Raises
     ------
     InputError
-        The picture, the mask or the points are unusable.
+        The picture, the mask or the points are unusable; a video where a picture is meant.
     ConfigError
         The configuration, its field template or a network is unusable.
+    MissingExtraError
+        The configuration names a network, and the package that runs it is not installed.
+    TypeError
+        The picture is neither an array nor a path, as the None of ``cv2.imread`` for a file that it cannot read; or a
+        configuration or settings of another kind.
     """
     chosen = configure(config, field, set)
     if not isinstance(image, np.ndarray | str | Path):
-        raise TypeError(f"image must be an array or a path, not {type(image).__name__}")
+        raise TypeError(f"image must be an array or a path, not {type(image).__name__}{_OF_CV2 * (image is None)}")
     source = None if isinstance(image, np.ndarray) else str(image)
+    if source is not None and is_file(Path(source)) and is_video(Path(source)):
+        raise InputError(f"{source}: is a video; circlecal.calibrate_video takes it")
     picture = as_bgr(image, "image") if isinstance(image, np.ndarray) else read_image(image)
     name = id or ("image" if source is None else Path(source).stem)
     height, width = picture.shape[:2]
@@ -292,8 +302,8 @@ def calibrate_points(
     ------
     InputError
         A name that the field does not have, something that is no point, or a picture without a width or height.
-    ConfigError
-        As for :func:`calibrate`.
+    ConfigError, TypeError
+        As for :func:`calibrate`, of the configuration.
     """
     chosen = configure(config, field, set)
     if convention not in get_args(Convention):
@@ -341,15 +351,29 @@ def calibrate_video(
     Raises
     ------
     InputError
-        No video, or times that are none.
-    ConfigError
+        The file is missing, is a picture, or no video; or a time that is none.
+    ConfigError, MissingExtraError, TypeError
         As for :func:`calibrate`.
     """
     chosen = configure(config, field, set)
     template, _ = field_of(chosen)
     sampling = Sampling.parse(str(every), *(None if time is None else str(time) for time in (start, end)))
-    video = Video.open(Path(path), Path(path).stem, chosen.limits)
+    video = open_video(path, chosen)
     return _calibrations(video, sampling, chosen, template)
+
+
+def open_video(path: str | Path, config: Config) -> Video:
+    """A video that a caller names.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, or is a picture.
+    """
+    file = Path(path)
+    if file.suffix.lower() in PICTURE_SUFFIXES:
+        raise InputError(f"{path}: is a picture; circlecal.calibrate takes it")
+    return Video.open(file, file.stem, config.limits)
 
 
 def _calibrations(video: Video, sampling: Sampling, config: Config, template: FieldTemplate) -> Iterator[Calibration]:

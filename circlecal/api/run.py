@@ -26,6 +26,11 @@ class Run(Sequence[Calibration]):
         A ``results.jsonl``, or a folder that holds one, or result files.
     field : path, optional
         Field template, where it is none of those that come with circlecal.
+
+    Attributes
+    ----------
+    path : Path
+        What was opened.
     """
 
     def __init__(self, path: Path, field: str | Path | None = None) -> None:
@@ -43,9 +48,11 @@ class Run(Sequence[Calibration]):
         return list(self._places)
 
     def __len__(self) -> int:
+        """Number of frames."""
         return len(self._places)
 
     def __iter__(self) -> Iterator[Calibration]:
+        """Every result in order, each read when its turn comes."""
         return (self._read(place) for place in self._places.values())
 
     @overload
@@ -55,7 +62,17 @@ class Run(Sequence[Calibration]):
     def __getitem__(self, index: slice) -> list[Calibration]: ...
 
     def __getitem__(self, index: int | str | slice) -> Calibration | list[Calibration]:
-        """The result at a place in the run, or that of a frame's id, or those of a slice."""
+        """The result at a place in the run, or that of a frame's id, or those of a slice.
+
+        Raises
+        ------
+        IndexError
+            The run has fewer frames.
+        KeyError
+            The run has no frame of this id.
+        InputError
+            The results changed or are damaged.
+        """
         if isinstance(index, str):
             return self._read(self._places[index])
         places = list(self._places.values())
@@ -70,7 +87,9 @@ class Run(Sequence[Calibration]):
         return frame in self._places if isinstance(frame, str) else super().__contains__(frame)
 
     def table(self) -> list[dict[str, Any]]:
-        """One flat row per frame, for ``pandas.DataFrame``; the columns are those of ``results.parquet``."""
+        """One flat row per frame, for ``pandas.DataFrame``; the columns are those of ``results.parquet``, all explained
+        in ``circlecal/formats``.
+        """
         return [table_row(record) for record in read_records(self.path)]
 
     def __repr__(self) -> str:
@@ -84,7 +103,7 @@ def load(path: str | Path, field: str | Path | None = None) -> Any:
     ----------
     path : path
         ``<id>.json`` as ``circlecal calibrate`` or :meth:`Calibration.save` write it; or a run: its ``results.jsonl``,
-        or the folder of it or of result files.
+        the folder that holds it, or a folder of result files.
     field : path, optional
         Field template, where it is one of the user's own: results keep its name and sizes only, which count for it.
 
@@ -107,7 +126,9 @@ def load(path: str | Path, field: str | Path | None = None) -> Any:
     if is_folder(file):
         is_run = find_results(file)[0].name == RESULTS_NAME
         if not is_run and next(scan_records(file, ResultRow), None) is None:
-            raise InputError(f"{file}: holds no results; give the --out folder of circlecal batch, track or calibrate")
+            raise InputError(
+                f"{file}: holds no results; give the folder that circlecal batch, track or calibrate wrote"
+            )
         return Run(file, field)
     if is_log(file):
         return Run(file, field)

@@ -37,15 +37,12 @@ def annotate(
         str | None,
         typer.Option("--part", metavar="K/N", help="Only the K-th of N equal parts, for one of several people."),
     ] = None,
-    every: Annotated[
-        str | None,
-        typer.Option("--every", metavar="TIME|N", help="Of videos: a frame a TIME, or each N-th. (default: 1s)"),
-    ] = None,
+    every: options.Every = None,
     config: options.ConfigFile = None,
     settings: options.Settings = None,
     camera_prior: options.CameraPrior = None,
     venue: options.VenueFile = None,
-    field: options.FieldName = None,
+    field: options.OneFieldName = None,
     quiet: options.Quiet = False,
     verbose: options.Verbose = False,
 ) -> None:
@@ -80,7 +77,7 @@ def annotate(
         )
 
     chosen = _suit_runs(runs, field, choose, quiet=quiet)
-    frames = take_part(list_frames(inputs, Sampling.parse(every or DEFAULT_EVERY)), part)
+    frames = take_part(list_frames(inputs, Sampling.parse(every or DEFAULT_EVERY, dashes="--")), part)
     folder = out or (runs[0] / ANNOTATION_FOLDER if runs else Path("circlecal-annotations"))
     if exists(folder) and not is_folder(folder):
         raise InputError(f"{folder}: is a file, not a folder; choose another --out")

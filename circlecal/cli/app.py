@@ -74,7 +74,7 @@ class _Commands(PlainGroup):
 
 app = PlainTyper(
     cls=_Commands,
-    help="Calibrate a sports camera from the circle of a field marking.",
+    help="Calibrate a sports camera from circular field markings.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},

@@ -43,13 +43,16 @@ def audit(
     ] = "annotations",
     settings: options.Settings = None,
     as_json: options.Json = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Leave out the table of the frames.")] = False,
+    no_frames: Annotated[bool, typer.Option("--no-frames", help="Leave out the table of the frames.")] = False,
+    quiet: options.QuietNotes = False,
+    verbose: options.Verbose = False,
 ) -> None:
-    """Distance from the imaged centre to the lines through opposed keypoints of the circle."""
+    """Measure how far the imaged centre is from the lines through opposed keypoints of the circle."""
     from circlecal.cli import console
     from circlecal.evaluation.audit import audit_frames, distances_by_pair, pair_rows, read_keypoints
     from circlecal.evaluation.audit_plot import check_plot, plot_distances
 
+    console.configure_logging(quiet=quiet, verbose=verbose)
     if plot is not None:
         check_plot(plot)
     chosen = options.parse_size(size)
@@ -62,7 +65,7 @@ def audit(
             distances = {f"{a}-{b}": round(d, 4) for (a, b), d in frame.distances_px.items()}
             console.print_json(json.dumps({"id": frame.id, "distances_px": distances, "reason": frame.reason}))
         return
-    if not quiet:
+    if not no_frames:
         _print_frames(frames)
     _print_pairs(pair_rows(by_pair))
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from circlecal.cli import options
-from circlecal.cli.inputs import choose_frames_and_videos, note_late_start, require_frames
+from circlecal.cli.inputs import choose_frames_and_videos, note_idle_sizes, note_late_start, require_frames
 from circlecal.cli.sport_hints import SportHints
 
 if TYPE_CHECKING:
@@ -33,21 +33,26 @@ def batch(
             help="Pictures, videos, annotations, folders of them, patterns, sequences (x_%04d.png), lists (x.txt).",
         ),
     ],
-    out: options.Out = Path("circlecal-out"),
+    out: Annotated[
+        Path,
+        typer.Option("--out", "-o", help="Folder of the run; take another one for results of circlecal calibrate."),
+    ] = Path("circlecal-run"),
     workers: options.Workers = None,
-    every: Annotated[
-        str | None,
-        typer.Option("--every", metavar="TIME|N", help="Of videos: a frame a TIME, or each N-th. (default: 1s)"),
-    ] = None,
-    start: Annotated[str | None, typer.Option("--start", metavar="TIME", help="Of videos: from here, H:MM:SS.")] = None,
-    end: Annotated[str | None, typer.Option("--end", metavar="TIME", help="Of videos: up to here.")] = None,
+    every: options.Every = None,
+    start: options.Start = None,
+    end: options.End = None,
     scheduler: options.Scheduler = None,
     files: Annotated[
         bool, typer.Option("--files", help="Also write a result file and pictures per frame, like calibrate.")
     ] = False,
     restart: Annotated[bool, typer.Option("--restart", help="Start over instead of going on.")] = False,
     rig: Annotated[
-        bool, typer.Option("--rig", help="Then all frames again with what those of each camera share, in OUT/rig.")
+        bool,
+        typer.Option(
+            "--rig",
+            help="Afterwards calibrate all frames again with what the frames of each camera share; results go to "
+            "OUT/rig.",
+        ),
     ] = False,
     mask: options.Mask = None,
     keypoints: options.Keypoints = None,
@@ -119,6 +124,8 @@ def batch(
     )
     failures: list[Exception] = []
     work = _choose_work(inputs, run, out, every, start, end, failures)
+    if not quiet:
+        note_idle_sizes(work.frames, size, to, eval_size)
     out = options.folder_of_run(out, run.digest, ask=console.can_ask() and not quiet, restart=restart)
     if files:
         exports.into(out).require_apart(frame.id for frame in work.frames)
@@ -181,7 +188,7 @@ def _choose_work(
     frames, videos = choose_frames_and_videos(inputs, run, out, console.error_reporter(failures))
     if not videos and not failures:
         require_frames(inputs, frames)
-    sampling = Sampling.parse(every or DEFAULT_EVERY, start, end)
+    sampling = Sampling.parse(every or DEFAULT_EVERY, start, end, dashes="--")
     if not videos and (every or start or end):
         raise InputError("--every, --start and --end choose frames of videos, and no video is given")
     note_late_start(videos, sampling)

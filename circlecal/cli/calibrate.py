@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from circlecal.cli import options
-from circlecal.cli.inputs import choose_inputs, require_frames
+from circlecal.cli.inputs import choose_inputs, note_idle_sizes, require_frames
 from circlecal.cli.sport_hints import SportHints
 
 if TYPE_CHECKING:
@@ -83,6 +83,8 @@ def calibrate(
     frames = choose_inputs(inputs, run, out, console.error_reporter(failures))
     if not failures:
         require_frames(inputs, frames)
+    if not quiet:
+        note_idle_sizes(frames, size, to, eval_size)
     exports.require_apart(frame.id for frame in frames)
     prepare_folder(out)
     summaries: list[FrameSummary] = []

@@ -27,7 +27,7 @@ def convert(
     out: options.Out = Path("circlecal-out"),
     from_format: options.FromFormat = None,
     size: options.Size = None,
-    field: options.FieldName = None,
+    field: options.OneFieldName = None,
     settings: options.Settings = None,
     quiet: options.Quiet = False,
     verbose: options.Verbose = False,
@@ -56,7 +56,7 @@ def convert(
         first = next(records, None)
         if first is None:
             raise InputError(
-                f"{inputs[0]}: holds no frame; give the --out folder of circlecal batch, track or calibrate"
+                f"{inputs[0]}: holds no frame; give the folder that circlecal batch, track or calibrate wrote"
             )
         written = write_parquet(chain([first], records), out / PARQUET_NAME)
         if not quiet:

@@ -42,9 +42,17 @@ def exit_after(run: Callable[[], object], *, is_process: bool) -> None:
     except OSError as error:
         if error.errno == errno.EPIPE:
             raise
-        _fail(f"{os.fsdecode(error.filename)}: {error.strerror}" if error.filename else str(error.strerror or error))
+        _fail(_describe(error))
     except MemoryError:
         _fail("not enough memory; give smaller pictures or fewer workers")
+
+
+def _describe(error: OSError) -> str:
+    """An error of the system with the file it is of; a full disk without a file is that of the standard output."""
+    told = str(error.strerror or error)
+    if error.filename:
+        return f"{os.fsdecode(error.filename)}: {told}"
+    return f"standard output: cannot be written: {told.lower()}" if error.errno == errno.ENOSPC else told
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:

@@ -53,6 +53,8 @@ def evaluate(
         typer.Option("--compare", metavar="NAME=FOLDER", help="Another method on the same frames; repeatable."),
     ] = None,
     as_json: options.Json = False,
+    quiet: options.QuietNotes = False,
+    verbose: options.Verbose = False,
 ) -> None:
     """Score cameras with the official SoccerNet metric, or against true cameras with the WorldCup metrics."""
     from circlecal.cli import console
@@ -60,13 +62,14 @@ def evaluate(
     from circlecal.evaluation.reading import holds_cameras
     from circlecal.evaluation.report import as_record, evaluate_annotations, evaluate_truth
 
+    console.configure_logging(quiet=quiet, verbose=verbose)
     methods = _methods(predictions, compare or [])
     chosen, given = options.parse_size(size), options.parse_size(pred_size, "--pred-size")
     if holds_cameras(truth):
         if central or held_out:
             raise InputError(f"{truth}: holds cameras; --central and --held-out need line annotations")
         against_truth = evaluate_truth(truth, methods, given)
-        _require_answers({r.name: (r.answered, r.frames) for r in against_truth}, methods, truth)
+        _require_answers({r.name: (r.answered, r.frames) for r in against_truth}, methods, truth, quiet=quiet)
         if as_json:
             console.print_json(json.dumps({"size": "1280x720", "methods": [as_record(r) for r in against_truth]}))
         else:
@@ -75,7 +78,7 @@ def evaluate(
     reports = evaluate_annotations(
         truth, methods, chosen, threshold_px=threshold, given_size=given, central=central, held_out=held_out or ()
     )
-    _require_answers({r.name: (r.summary.answered, r.summary.frames) for r in reports}, methods, truth)
+    _require_answers({r.name: (r.summary.answered, r.summary.frames) for r in reports}, methods, truth, quiet=quiet)
     if as_json:
         record = {"size": size, "threshold_px": threshold, "methods": [as_record(r) for r in reports]}
         console.print_json(json.dumps(record))
@@ -99,7 +102,9 @@ def _methods(predictions: Path, compare: Sequence[str]) -> dict[str, Path]:
     return methods
 
 
-def _require_answers(answers: Mapping[str, tuple[int, int]], methods: Mapping[str, Path], truth: Path) -> None:
+def _require_answers(
+    answers: Mapping[str, tuple[int, int]], methods: Mapping[str, Path], truth: Path, *, quiet: bool
+) -> None:
     """Say of methods that answer no frame how files are told to be of one: mostly these are of other frames.
 
     Raises
@@ -118,7 +123,7 @@ def _require_answers(answers: Mapping[str, tuple[int, int]], methods: Mapping[st
     ]
     if len(silent) == len(answers):
         raise InputError(silent[0])
-    for told in silent:
+    for told in () if quiet else silent:
         console.print_note(told)
 
 

@@ -56,10 +56,10 @@ def _list_templates(chosen: Sequence[FieldTemplate]) -> None:
             c for c in (*template.circles, *template.arcs) if c in template.circles or c.name == template.default_circle
         ]
         for circle in shown:
-            usual = "default" if circle.name == template.default_circle else ""
+            usual = "yes" if circle.name == template.default_circle else ""
             radius = f"{circle.radius_m:g} m ({circle.edge} edge)"
             rows.append((template.name, size, width, config, circle.name, radius, usual))
         if not shown:
             rows.append((template.name, size, width, config, NO_CIRCLE, "", ""))
-    heads = ("field", "size", "marking", "config", "circle", "radius", "")
+    heads = ("field", "size", "marking", "config", "circle", "radius", "default")
     console.print_table("Field templates", heads, rows)

@@ -66,12 +66,20 @@ def choose_inputs(
     InputError
         Nothing to calibrate, an option that does not fit, or a result that would be written over its source.
     """
+    named = _expand_frames(inputs, run)
+    leave_to_batch(named, report)
+    return _frames_of(named.paths, run, out, report)
+
+
+def _expand_frames(inputs: Sequence[str], run: FrameRun) -> Inputs:
+    """What is named. In a folder of videos annotations are frames only where the user names their format: mostly they
+    are what a command wrote of the videos.
+    """
     from circlecal.formats.registry import annotation_suffixes
     from circlecal.pictures.inputs import expand_inputs
 
-    named = expand_inputs(inputs, annotation_suffixes())
-    leave_to_batch(named, report)
-    return _frames_of(named.paths, run, out, report)
+    is_named = run.format_name is not None and run.keypoints is None
+    return expand_inputs(inputs, annotation_suffixes() if is_named else ())
 
 
 def leave_to_batch(named: Inputs, report: Callable[[Exception], None], with_options: str = "") -> None:
@@ -146,6 +154,19 @@ def _frames_of(
     return [*frames, *annotated]
 
 
+def note_idle_sizes(
+    frames: Sequence[PictureFile | FrameOfFile], size: str | None, to: Sequence[str] | None, eval_size: str | None
+) -> None:
+    """Say which of ``--size`` and ``--eval-size`` was given and counts for nothing."""
+    from circlecal.cli import console
+    from circlecal.formats.inputs import FrameOfFile
+
+    if size is not None and frames and not any(isinstance(frame, FrameOfFile) for frame in frames):
+        console.print_note("--size counts for annotation files without a size, and only pictures are given")
+    if eval_size is not None and not to:
+        console.print_note("--eval-size counts for what --to writes, and no --to is given")
+
+
 def note_unused_annotations(frames: Sequence[PictureFile]) -> None:
     """Say that annotations of other programs lie beside pictures and are not used.
 
@@ -175,13 +196,11 @@ def choose_frames_and_videos(
     """
     from circlecal.errors import InputError
     from circlecal.files import is_folder
-    from circlecal.formats.registry import annotation_suffixes
     from circlecal.pictures.files import NoFramesError, PictureFile, distinct_names
-    from circlecal.pictures.inputs import expand_inputs
     from circlecal.pictures.remote import url_names
     from circlecal.pictures.video import Video
 
-    named = expand_inputs(inputs, annotation_suffixes())
+    named = _expand_frames(inputs, run)
     names = distinct_names([path.stem for path in named.videos])
     videos = []
     for video, name in zip(named.videos, names, strict=True):

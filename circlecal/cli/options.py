@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,7 +27,12 @@ def complete_field(incomplete: str) -> list[str]:
     """Names of shipped field templates that begin so, for the shell."""
     from circlecal.field import field_names
 
-    return [name for name in ("auto", *field_names()) if name.startswith(incomplete)]
+    return [name for name in field_names() if name.startswith(incomplete)]
+
+
+def complete_field_or_auto(incomplete: str) -> list[str]:
+    """Names of shipped field templates that begin so, and ``auto``, for the shell."""
+    return [name for name in ("auto",) if name.startswith(incomplete)] + complete_field(incomplete)
 
 
 def _require_folder(folder: Path | None) -> Path | None:
@@ -48,6 +52,8 @@ class Convention(StrEnum):
     PAINT = "paint"
 
 
+_MOST_DIGITS = 18
+"""Of a number that is read at all."""
 _ANNOTATIONS = "coco, cvat, extremities, gamestate, labelme, labelstudio, pnlcalib, soccernet, workbench"
 TARGETS = "broadtrack, coco, cvat, gamestate, labelme, labelstudio, pnlcalib, soccernet, tvcalib, worldcup"
 CONVERSIONS = (
@@ -72,6 +78,15 @@ Annotations = Annotated[
         metavar="FOLDER",
         callback=_require_folder,
         help="What was named in circlecal annotate. (default: OUT/annotations, and x.json beside x.jpg)",
+    ),
+]
+ClipAnnotations = Annotated[
+    Path | None,
+    typer.Option(
+        "--annotations",
+        metavar="FOLDER",
+        callback=_require_folder,
+        help="What was named in circlecal annotate. (default: OUT/annotations)",
     ),
 ]
 PointConvention = Annotated[
@@ -99,6 +114,21 @@ Size = Annotated[
     typer.Option("--size", metavar="WIDTHxHEIGHT", help="Size of the pictures, where an annotation file has none."),
 ]
 Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for everything that is written.")]
+Every = Annotated[
+    str | None,
+    typer.Option(
+        "--every",
+        metavar="TIME|N",
+        help="Take one frame per TIME (1s, 500ms), or every N-th frame, of a video. (default: 1s)",
+    ),
+]
+Start = Annotated[
+    str | None,
+    typer.Option("--start", metavar="TIME", help="Take a video from here on: seconds, MM:SS or H:MM:SS."),
+]
+End = Annotated[
+    str | None, typer.Option("--end", metavar="TIME", help="Take a video up to here: seconds, MM:SS or H:MM:SS.")
+]
 Mask = Annotated[
     Path | None,
     typer.Option(
@@ -128,9 +158,19 @@ FieldName = Annotated[
         "--field",
         metavar="NAME|FILE",
         help="Field template; see circlecal fields. auto: the one that the picture shows. (default: soccer)",
+        autocompletion=complete_field_or_auto,
+    ),
+]
+OneFieldName = Annotated[
+    str | None,
+    typer.Option(
+        "--field",
+        metavar="NAME|FILE",
+        help="Field template; see circlecal fields. (default: soccer)",
         autocompletion=complete_field,
     ),
 ]
+"""For commands that must know the field before they see a picture."""
 CameraPrior = Annotated[
     Path | None,
     typer.Option("--camera-prior", metavar="FILE", help="Known camera: a prior file, or the result of another frame."),
@@ -149,21 +189,51 @@ Solver = Annotated[
         "--solver",
         metavar="NAME",
         help="A published method instead of circlecal's camera: great_axis, footyvision, magera_case1, magera_case2, "
-        "magera_case3, alvarez_caselles, gupta, chum_matas, chen_wu, huang_self_polar, tvcalib_like, pnl_like.",
+        "magera_case3, alvarez_caselles, gupta, chum_matas, chen_wu, huang_self_polar, tvcalib_like, pnl_like; or "
+        "circlecal's own as a peer of these: circlecal, circlecal_default.",
     ),
 ]
+
+
+def _parse_pixels(text: str) -> int:
+    return _whole_number(text, "pixels, such as 50000000")
+
+
+def _parse_bytes(text: str) -> int:
+    return _whole_number(text, "bytes, such as 268435456 for 256 MB")
+
+
+def _whole_number(text: str, unit: str) -> int:
+    if not (text.isascii() and text.isdigit() and len(text) <= _MOST_DIGITS):
+        raise typer.BadParameter(f"{text!r} is no whole number of {unit}")
+    return int(text)
+
+
 MaxPixels = Annotated[
     int | None,
-    typer.Option("--max-pixels", metavar="N", help="Largest picture that is read, in pixels. (default: 50 million)"),
+    typer.Option(
+        "--max-pixels",
+        metavar="PIXELS",
+        parser=_parse_pixels,
+        help="Largest picture that is read, width times height. (default: 50 million)",
+    ),
 ]
 MaxBytes = Annotated[
-    int | None, typer.Option("--max-bytes", metavar="N", help="Largest picture file that is read. (default: 256 MB)")
+    int | None,
+    typer.Option(
+        "--max-bytes",
+        metavar="BYTES",
+        parser=_parse_bytes,
+        help="Largest picture file that is read, in bytes. (default: 256 MB)",
+    ),
 ]
 Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Seed of the random draws. (default: 0)")]
 Radar = Annotated[bool, typer.Option("--radar", help="Also write the frame warped to the field plane.")]
 NoOverlay = Annotated[bool, typer.Option("--no-overlay", help="Do not write overlay pictures.")]
 Json = Annotated[bool, typer.Option("--json", help="Print results as JSON, one line each.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
+QuietNotes = Annotated[bool, typer.Option("--quiet", "-q", help="Leave out notes and warnings.")]
+"""For commands whose output is all that they are for."""
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Log what is done.")]
 
 
@@ -196,33 +266,38 @@ def choose_config(
         know it before (all but those with ``tells_field``).
     """
     from circlecal.batch.frames import require_networks
-    from circlecal.config import AUTO, load_config
+    from circlecal.config import AUTO, NamedOption, load_config
     from circlecal.errors import ConfigError
     from circlecal.pipeline import field_of
 
     if camera_prior is not None and venue is not None:
         raise ConfigError("--camera-prior and --venue both say where the camera stands; give one of them")
-    overrides: list[str] = []
+    overrides: list[str | NamedOption] = []
     if camera_prior is not None:
         from circlecal.records.camera_prior import prior_settings
 
         overrides += prior_settings(camera_prior)
-    named_field = [] if field is None else [f"field.template={json.dumps(field)}"]
+    named_field = [] if field is None else [NamedOption("field.template", field, f"--field {field}")]
     if venue is not None:
         from circlecal.rig.venue import venue_settings
 
         overrides += venue_settings(venue, field_of(load_config(file, [*(settings or ()), *named_field]))[0])
     overrides += [*(settings or ()), *named_field]
-    overrides += [] if seed is None else [f"seed={seed}"]
-    overrides += [] if solver is None else [f"solver={json.dumps(solver)}"]
-    overrides += [] if max_pixels is None else [f"limits.max_pixels={max_pixels}"]
-    overrides += [] if max_bytes is None else [f"limits.max_bytes={max_bytes}"]
+    named = (
+        ("seed", seed, "--seed"),
+        ("solver", solver, "--solver"),
+        ("limits.max_pixels", max_pixels, "--max-pixels"),
+        ("limits.max_bytes", max_bytes, "--max-bytes"),
+    )
+    overrides += [NamedOption(key, value, f"{name} {value}") for key, value, name in named if value is not None]
     overrides += ["output.radar=true"] if radar else []
     overrides += ["output.overlay=false"] if no_overlay else []
     config = load_config(file, overrides)
     try:
         field_of(config)
     except ConfigError as error:
+        if settings and str(error).startswith(tuple(settings)):
+            raise ConfigError(f"--set {error}") from error
         if file is None or load_config(file).field != config.field:
             raise
         raise ConfigError(f"{file}: {error}") from error

@@ -1,8 +1,10 @@
-"""Commands whose help shows a switch as a switch: ``--radar``, not ``--radar <bool>``, which nobody may type."""
+"""Commands whose help shows a switch as a switch: ``--radar``, not ``--radar <bool>``, which nobody may type; and that
+leave it to those who read a file or folder to say that its permissions forbid that.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, get_type_hints
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -36,4 +38,13 @@ class PlainTyper(typer.Typer):
 
     def command(self, name: str | None = None, **settings: Any) -> Any:
         """Add a function as a command; as :meth:`typer.Typer.command` takes it."""
-        return super().command(name, cls=PlainCommand, **settings)
+        register = super().command(name, cls=PlainCommand, **settings)
+
+        def add(function: Any) -> Any:
+            function.__annotations__ = get_type_hints(function, include_extras=True)
+            for hint in function.__annotations__.values():
+                for parameter in getattr(hint, "__metadata__", ()):
+                    parameter.readable = False
+            return register(function)
+
+        return add

@@ -33,13 +33,21 @@ class Target(StrEnum):
         return ("px", "m") if self is Target.FIELD else ("m", "px")
 
 
+def _parse_coordinate(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise typer.BadParameter(f"{text!r} is no number; separate X and Y by a blank") from None
+
+
 def project(
     result: Annotated[
         Path, typer.Argument(metavar="RESULT", help="Result file of circlecal calibrate; with --points a run too.")
     ],
     *,
     coordinates: Annotated[
-        list[float] | None, typer.Argument(metavar="X Y", help="Pixels for --to field, metres for --to image.")
+        list[float] | None,
+        typer.Argument(metavar="X Y", parser=_parse_coordinate, help="Pixels for --to field, metres for --to image."),
     ] = None,
     points: Annotated[
         Path | None,
@@ -47,13 +55,18 @@ def project(
     ] = None,
     to: Annotated[Target, typer.Option("--to", help="field: pixels to metres; image: metres to pixels.")],
     as_json: options.Json = False,
+    quiet: options.QuietNotes = False,
+    verbose: options.Verbose = False,
 ) -> None:
     """Take points from the picture to the field or back, with the camera's lens where the result has a camera."""
     from circlecal.api.tables import TablePoint, project_points
     from circlecal.cli import console
     from circlecal.errors import InputError
+    from circlecal.files import is_folder
     from circlecal.records.json_text import read_result
+    from circlecal.records.log import is_log
 
+    console.configure_logging(quiet=quiet, verbose=verbose)
     if points is not None:
         if coordinates:
             raise InputError("project takes X Y [X Y ...] or --points, not both")
@@ -61,13 +74,18 @@ def project(
         return
     if not coordinates or len(coordinates) % 2 or not all(map(math.isfinite, coordinates)):
         raise InputError("project takes finite numbers in pairs: X Y [X Y ...]")
+    if is_folder(result) or is_log(result):
+        raise InputError(
+            f"{result}: holds the results of a run; give a result file of circlecal calibrate, or --points with a run"
+        )
     stored = read_result(result)
     if stored.status != "calibrated" or stored.view is None:
         console.print_error(f"{result}: {stored.id} was refused, so nothing can be projected: {stored.reason}")
         raise typer.Exit(1)
     given = [TablePoint(stored.id, x, y) for x, y in zip(coordinates[::2], coordinates[1::2], strict=True)]
     found = project_points(stored, given, to.value)
-    _note_open_size(stored)
+    if not quiet:
+        _note_open_size(stored)
     if as_json:
         for point in found:
             console.print_json(json.dumps(_json_line(point, to)))

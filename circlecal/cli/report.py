@@ -12,7 +12,10 @@ from circlecal.cli import options
 
 def report(
     results: Annotated[
-        Path, typer.Argument(metavar="RESULTS", help="Folder of a run of batch, track, rig or calibrate.")
+        Path,
+        typer.Argument(
+            metavar="RESULTS", help="Folder of a run of batch, track, rig or calibrate; a single result file works too."
+        ),
     ],
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Folder of the report. (default: RESULTS/circlecal-report)")

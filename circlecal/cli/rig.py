@@ -33,7 +33,7 @@ def rig(
     restart: Annotated[bool, typer.Option("--restart", help="Start over instead of going on.")] = False,
     config: options.ConfigFile = None,
     settings: options.Settings = None,
-    field: options.FieldName = None,
+    field: options.OneFieldName = None,
     seed: options.Seed = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the cameras and counts as JSON.")] = False,
     quiet: options.Quiet = False,

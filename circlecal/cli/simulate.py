@@ -19,7 +19,9 @@ def simulate(
     noise: Annotated[str, typer.Option("--noise", metavar="PX,PX", help="Noise levels in pixels.")] = "0,1,2,5,10,25",
     cameras: Annotated[int, typer.Option("--cameras", min=1, help="Random cameras per view.")] = 100,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed; a draw depends on it and its number only.")] = 0,
-    out: Annotated[Path, typer.Option("--out", help="Folder for simulate.csv and the plots.")] = Path("simulate-out"),
+    out: Annotated[Path, typer.Option("--out", help="Folder for simulate.csv and the plots.")] = Path(
+        "circlecal-simulate"
+    ),
     workers: Annotated[int, typer.Option("--workers", min=1, help="Processes; the figures do not depend on it.")] = 1,
     no_plots: Annotated[bool, typer.Option("--no-plots", help="Write the table only (needs no matplotlib).")] = False,
 ) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from circlecal.cli import options
-from circlecal.cli.inputs import choose_videos, note_late_start
+from circlecal.cli.inputs import choose_videos, note_idle_sizes, note_late_start
 from circlecal.cli.sport_hints import SportHints
 
 if TYPE_CHECKING:
@@ -30,15 +30,16 @@ def track(
         typer.Option(
             "--every",
             metavar="TIME|N",
-            help="Answer a frame a TIME, or each N-th; all are followed. (default: 1, every frame)",
+            help="Answer one frame per TIME (1s, 500ms), or every N-th frame; all are followed. (default: 1, every "
+            "frame)",
         ),
     ] = None,
-    start: Annotated[str | None, typer.Option("--start", metavar="TIME", help="From here, H:MM:SS.")] = None,
-    end: Annotated[str | None, typer.Option("--end", metavar="TIME", help="Up to here.")] = None,
+    start: options.Start = None,
+    end: options.End = None,
     scheduler: options.Scheduler = None,
     restart: Annotated[bool, typer.Option("--restart", help="Start over instead of going on.")] = False,
     venue: options.VenueFile = None,
-    annotations: options.Annotations = None,
+    annotations: options.ClipAnnotations = None,
     video: Annotated[bool, typer.Option("--video", help="Also write overlay.mp4.")] = False,
     full: Annotated[
         bool, typer.Option("--full", help="Write covariance matrices, derived points and checks of every frame too.")
@@ -79,10 +80,13 @@ def track(
     chosen = options.choose_config(config, settings, field, seed, tells_field=venue is None)
     chosen = chosen if scheduler is None else absolute_files(chosen)
     known = None if venue is None else read_venue(venue, field_of(chosen)[0])
-    sampling, exports = Sampling.parse(every or DEFAULT_EVERY, start, end), options.choose_exports(to, eval_size)
+    sampling = Sampling.parse(every or DEFAULT_EVERY, start, end, dashes="--")
+    exports = options.choose_exports(to, eval_size)
     failures: list[Exception] = []
     videos = choose_videos(inputs, console.error_reporter(failures))
     note_late_start(videos, sampling)
+    if not quiet:
+        note_idle_sizes((), None, to, eval_size)
     refused, count = 0, 0
     if videos:
         if chosen.field.template == AUTO:

@@ -15,11 +15,13 @@ import numpy as np
 
 from circlecal.config import Config
 from circlecal.errors import InputError
-from circlecal.files import is_folder
+from circlecal.files import is_folder, list_folder
 from circlecal.formats.cameras import Size
+from circlecal.formats.format import Content
 from circlecal.formats.meaning import observe
 from circlecal.formats.pnlcalib import CENTRE_MARK, keypoint_number
-from circlecal.formats.registry import read_annotations
+from circlecal.formats.pnlcalib import FORMAT as KEYPOINTS
+from circlecal.formats.registry import parse_annotations
 from circlecal.formats.shapes import AnnotatedFrame
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.projective import Array
@@ -69,10 +71,19 @@ def read_keypoints(path: Path, size: Size) -> list[AnnotatedFrame]:
     InputError
         Nothing there, or a file that is no prediction.
     """
+    if is_folder(path):
+        list_folder(path)  # one that cannot be read would seem to be empty
     files = sorted(path.rglob("*.json")) if is_folder(path) else [path]
     if not files:
         raise InputError(f"{path}: holds no keypoint file (<id>.json)")
-    return [frame for file in files for frame in read_annotations(file, size, "pnlcalib")[1]]
+    return [frame for file in files for frame in _read_file(file, size)]
+
+
+def _read_file(file: Path, size: Size) -> list[AnnotatedFrame]:
+    content = Content.of(file)
+    if not KEYPOINTS.recognises(content):
+        raise InputError(f"{file}: is no keypoint file of PnLCalib, which has the keys kp and lines; give such files")
+    return parse_annotations(KEYPOINTS, content, size)
 
 
 def audit_frames(frames: Sequence[AnnotatedFrame], center: Center, config: Config) -> list[AuditedFrame]:

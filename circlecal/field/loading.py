@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import logging
 import os
 from functools import lru_cache
@@ -25,6 +26,10 @@ LEAST_SHARED_NAMES = 0.5
 they are of one sport. Templates of one sport that come with the package share 0.82 or more, those of two sports 0.44 or
 less, but robot soccer, which has soccer's names on a field a tenth as long: there the nearest length tells.
 """
+LEAST_LIKENESS = 0.85
+"""Of two names of sports, from 0 to 1, from which on one is taken for a misspelling of the other; one wrong letter in
+seven is less, ``American football`` beside ``Australian football`` is not.
+"""
 _log = logging.getLogger(__name__)
 
 
@@ -43,7 +48,7 @@ def template_from_mapping(content: Any, source: str, sizes: dict[str, float] | N
     Raises
     ------
     ConfigError
-        With the file, the key and the mend.
+        With the file or the sizes that were set, the key and the mend.
     """
     if not isinstance(content, dict) or not isinstance(content.get("sizes"), dict):
         raise ConfigError(f"{source}: a field template is a mapping with a 'sizes' mapping in it")
@@ -63,8 +68,8 @@ def template_from_mapping(content: Any, source: str, sizes: dict[str, float] | N
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"]) or "template"
-        given = "".join(f", with field.sizes.{key}={value:g}" for key, value in (sizes or {}).items())
-        raise ConfigError(f"{source}{given}: {where}: {explain_problem(first['type'], first['msg'])}") from error
+        given = ", ".join(f"field.sizes.{key}={value:g}" for key, value in (sizes or {}).items())
+        raise ConfigError(f"{given or source}: {where}: {explain_problem(first['type'], first['msg'])}") from error
 
 
 def field_folder() -> Path:
@@ -111,7 +116,26 @@ def _read_field(path: Path, changed_ns: int, sizes: tuple[tuple[str, float], ...
         where = f", line {error.line}" if error.line else ""
         raise ConfigError(f"{path}{where}: cannot be read: {error}") from error
     template = template_from_mapping(content, str(path), dict(sizes))
-    return template if path.parent == field_folder() else complete_facts(template)
+    if path.parent == field_folder():
+        return template
+    _require_sport(template.sport, path)
+    return complete_facts(template)
+
+
+def _require_sport(sport: str | None, path: Path) -> None:
+    """See that a sport is none of the package's that is misspelt, or named by a word of its name alone.
+
+    Raises
+    ------
+    ConfigError
+        It is.
+    """
+    known = sorted({named for name in field_names() if (named := load_field(name).sport) is not None}, key=str.lower)
+    if sport is None or sport in known:
+        return
+    names = {word for name in known for word in (name.lower(), *name.lower().split())}
+    if difflib.get_close_matches(sport.lower(), names, n=1, cutoff=LEAST_LIKENESS):
+        raise ConfigError(f"{path}: sport: {sport!r} is unknown; known: {', '.join(known)}")
 
 
 def complete_facts(template: FieldTemplate) -> FieldTemplate:

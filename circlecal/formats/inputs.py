@@ -82,7 +82,7 @@ def split_inputs(
     Raises
     ------
     InputError
-        An input does not exist.
+        An input does not exist, or is a picture while a format of annotations is named.
     """
     pictures: list[Path] = []
     files: list[AnnotationFile] = []
@@ -96,6 +96,8 @@ def split_inputs(
                 files += [AnnotationFile(path, path.relative_to(given), named=False) for path in held]
             else:
                 pictures.append(given)
+        elif format_name is not None and given.suffix.lower() in PICTURE_SUFFIXES:
+            raise InputError(f"{given}: is a picture, not a {format_name} file; leave --from out")
         elif given.suffix.lower() in annotation_suffixes() or format_name is not None:
             files.append(AnnotationFile(given, Path(given.name), named=True))
         else:

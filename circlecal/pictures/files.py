@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.errors import InputError
-from circlecal.files import is_folder, read_file, real_path, require_input, size_in_words, write_atomic
+from circlecal.files import is_folder, list_folder, read_file, real_path, require_input, size_in_words, write_atomic
 from circlecal.names import as_stem
 from circlecal.pictures.headers import MIN_SIDE, read_header
 from circlecal.pictures.limits import DEFAULT_LIMITS, LimitsConfig
@@ -30,7 +30,15 @@ MASK_FOLDER = "masks"
 OVERLAY_SUFFIX, RADAR_SUFFIX, DEBUG_SUFFIX = ".overlay.jpg", ".radar.jpg", ".debug"
 REPORT_FOLDER = "circlecal-report"
 _DIGITS = re.compile(r"([0-9]+)")
-OWN_FOLDERS = ("circlecal-out", "circlecal-debug", "circlecal-track", "circlecal-rig", REPORT_FOLDER)
+OWN_FOLDERS = (
+    "circlecal-out",
+    "circlecal-run",
+    "circlecal-debug",
+    "circlecal-track",
+    "circlecal-rig",
+    "circlecal-simulate",
+    REPORT_FOLDER,
+)
 STAGE_SHEET = "contact-sheet"
 LAST_STAGE = "09-verdict"
 """The two pictures that every folder of stages has, whatever its name is."""
@@ -152,10 +160,7 @@ def walk(folder: Path, above: Collection[Path] = ()) -> Iterator[Path]:
     inside = (*above, real_path(folder))
     if inside[-1] in above:
         return
-    try:
-        entries = sorted(folder.iterdir(), key=lambda entry: entry.name)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be read: {error.strerror}; check its permissions") from error
+    entries = list_folder(folder)
     names = {entry.stem for entry in entries}
     if {STAGE_SHEET, LAST_STAGE} <= names:
         return

@@ -39,7 +39,8 @@ class Inputs:
 
 
 def expand_inputs(inputs: Sequence[str | Path], annotation_suffixes: Collection[str] = ()) -> Inputs:
-    """Everything that was named; a folder of videos alone is not among the paths.
+    """Everything that was named; a folder of videos is among the paths only where it holds pictures, or files of the
+    annotation suffixes.
 
     Understood are pictures, annotation files, videos and folders of them; patterns such as ``day1/*.jpg``; numbered
     sequences such as ``frame_%05d.png``; URLs of pictures; and lists, ``@names`` or ``names.txt``, with one of these
@@ -59,7 +60,7 @@ def expand_inputs(inputs: Sequence[str | Path], annotation_suffixes: Collection[
                 urls.append(path)
             elif is_folder(path):
                 files = list(walk(path))
-                held = [file for file in files if _is_video(file)]
+                held = [file for file in files if is_video(file)]
                 videos += held
                 if not held or any(file.suffix.lower() in (*PICTURE_SUFFIXES, *annotation_suffixes) for file in files):
                     paths.append(path)
@@ -143,8 +144,8 @@ def _find_sequence(given: Path) -> Iterator[Path]:
     yield from (path for _, path in sorted(found))
 
 
-def _is_video(path: Path) -> bool:
-    """By its suffix, which TypeScript shares with transport streams."""
+def is_video(path: Path) -> bool:
+    """Whether a file is a video by its suffix, which TypeScript shares with transport streams."""
     suffix = path.suffix.lower()
     if suffix != ".ts":
         return suffix in VIDEO_SUFFIXES

@@ -72,8 +72,17 @@ class Sampling:
     end_s: float | None = None
 
     @classmethod
-    def parse(cls, every: str = DEFAULT_EVERY, start: str | None = None, end: str | None = None) -> Sampling:
+    def parse(
+        cls, every: str = DEFAULT_EVERY, start: str | None = None, end: str | None = None, *, dashes: str = ""
+    ) -> Sampling:
         """From options such as ``1s``, ``500ms``, ``10`` (frames); ``90``, ``1:30`` or ``0:01:30.5``.
+
+        Parameters
+        ----------
+        every, start, end : str
+            What the user gave; ``start`` and ``end`` may be None.
+        dashes : str
+            What stands before the names of the three in messages: ``--`` on the command line.
 
         Raises
         ------
@@ -84,11 +93,13 @@ class Sampling:
         seconds = None if match is None else float(match[1]) * _UNITS[match[2]]
         frames = int(every) if _COUNT.fullmatch(every) else None
         if not frames and not (seconds and seconds >= _SHORTEST_PERIOD_S):
-            raise InputError(f"--every {every}: must be a time such as 1s or 500ms, or a number of frames such as 25")
-        start_s = 0.0 if start is None else _clock(start, "--start")
-        end_s = None if end is None else _clock(end, "--end")
+            raise InputError(
+                f"{dashes}every {every}: must be a time such as 1s or 500ms, or a number of frames such as 25"
+            )
+        start_s = 0.0 if start is None else _clock(start, f"{dashes}start")
+        end_s = None if end is None else _clock(end, f"{dashes}end")
         if end_s is not None and end_s <= start_s:
-            raise InputError(f"--end {end}: is not after --start {start or 0}")
+            raise InputError(f"{dashes}end {end}: is not after {dashes}start {start or 0}")
         return cls(seconds, frames, start_s, end_s)
 
 

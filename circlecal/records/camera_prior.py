@@ -81,7 +81,8 @@ def _read_mapping(path: Path) -> dict[str, Any]:
     try:
         content = read_yaml(path) if content is None else content
     except YamlError as error:
-        raise InputError(f"{path}: is neither YAML nor JSON: {error}") from error
+        where = f", line {error.line}" if error.line else ""
+        raise InputError(f"{path}{where}: is neither YAML nor JSON: {error}") from error
     if not isinstance(content, dict) or not all(isinstance(key, str) for key in content):
         raise InputError(f"{path}: a camera prior is a mapping with position_m")
     return content

@@ -11,8 +11,8 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 from pydantic_core import PydanticSerializationError
 
-from circlecal.errors import InputError, explain_problem
-from circlecal.files import read_file, write_atomic
+from circlecal.errors import InputError, OutputError, explain_problem
+from circlecal.files import exists, is_folder, read_file, write_atomic
 from circlecal.records.record import SCHEMA_VERSION, ResultRecord, ResultRow
 
 GIVE_A_RESULT = "give a result file of circlecal calibrate"
@@ -49,14 +49,24 @@ def _keep_each_key_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def write_result(path: Path, record: ResultRecord) -> None:
-    """Write a result file, whole or not at all.
+    """Write a result file, whole or not at all; nothing but an earlier result is replaced.
 
     Raises
     ------
-    InputError
-        The file cannot be written.
+    OutputError
+        The file cannot be written, or it exists and is no result of circlecal.
     """
+    if exists(path) and not is_folder(path) and not _is_result_file(path):
+        raise OutputError(f"{path}: exists and is no result of circlecal; choose another name or folder for the result")
     write_atomic(path, (result_line(record) + "\n").encode())
+
+
+def _is_result_file(path: Path) -> bool:
+    """Whether a file holds one result, sound or not."""
+    try:
+        return is_record(read_file(path)) is True
+    except InputError:
+        return False
 
 
 def result_line(record: ResultRecord) -> str:

@@ -15,7 +15,7 @@ from types import TracebackType
 from typing import Self, overload
 
 from circlecal.errors import InputError
-from circlecal.files import is_file, is_folder, read_file, read_lines, replacement, write_error
+from circlecal.files import is_file, is_folder, list_folder, read_file, read_lines, replacement, write_error
 from circlecal.records.index import ResultIndex
 from circlecal.records.json_text import (
     GIVE_A_RESULT,
@@ -34,7 +34,7 @@ _APPEND = os.O_RDWR | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0)
 _SYNC_SECONDS = 1.0
 _ROWS_AT_ONCE = 1000
 _MEND = "mend or remove it, or run the same command again"
-_GIVE = "give the --out folder of circlecal batch, track or calibrate"
+_GIVE = "give the folder that circlecal batch, track or calibrate wrote"
 
 _log = logging.getLogger(__name__)
 
@@ -322,12 +322,12 @@ def find_results(path: Path) -> list[Path]:
     Raises
     ------
     InputError
-        There is none.
+        There is none, or the folder cannot be read.
     """
     if not is_folder(path):
         return [path]
     log = path / RESULTS_NAME
-    files = [log] if is_file(log) else sorted(path.glob("*.json"))
+    files = [log] if is_file(log) else [file for file in list_folder(path) if file.suffix == ".json"]
     if not files:
         raise InputError(f"{path}: holds no {RESULTS_NAME} and no result files; {_GIVE}")
     return files

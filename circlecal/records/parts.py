@@ -343,7 +343,7 @@ class SportRecord(RecordPart):
 
 
 class ResidualsRecord(RecordPart):
-    """Rms per fitted ellipse, one residual per row of the DLT, rms per observation of the camera.
+    """Rms per fitted ellipse, one residual per point of the DLT, rms per observation of the camera.
 
     ``points`` are the signed distances of single points where a marking has few.
     """

@@ -125,7 +125,7 @@ def read_run(results: Path) -> StoredRun:
     """
     folder = results.parent if is_file(results) else results
     if not is_folder(folder):
-        raise InputError(f"{results}: no such folder; give the --out folder of circlecal batch, track or calibrate")
+        raise InputError(f"{results}: no such folder; give the folder that circlecal batch, track or calibrate wrote")
     run = StoredRun(folder, [], datetime.now().astimezone(), Counter(), Counter(), Counter(), Counter(), {})
     for place, record in scan_records(results, ResultRow):
         row = _row(record)
@@ -139,7 +139,7 @@ def read_run(results: Path) -> StoredRun:
         ):
             counter["unknown" if value is None else str(value)] += 1
     if not run.rows:
-        raise InputError(f"{results}: holds no results; give the --out folder of circlecal batch, track or calibrate")
+        raise InputError(f"{results}: holds no results; give the folder that circlecal batch, track or calibrate wrote")
     newest = max(file.stat().st_mtime for file in find_results(results))
     run.written = datetime.fromtimestamp(newest).astimezone()
     run._by_id.update((row.id, row) for row in run.rows)

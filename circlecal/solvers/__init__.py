@@ -57,8 +57,8 @@ def load_solver(name: str) -> Solver:
         Unknown name; the text lists the known ones.
     """
     if name not in SOLVERS:
-        only = " (it finds intrinsics only)" if name in INTRINSICS else ""
-        raise ConfigError(f"solver {name!r} is unknown{only}; known: {', '.join(SOLVERS)}")
+        wrong = "finds intrinsics only; circlecal bench solvers runs it" if name in INTRINSICS else "is unknown"
+        raise ConfigError(f"solver {name!r} {wrong}; known: {', '.join(SOLVERS)}")
     module, function = SOLVERS[name].split(":")
     return getattr(import_module(module), function)
 

@@ -1,4 +1,6 @@
-"""Frames that must be refused: views without the circle, close-ups, graphics, other sports."""
+"""Frames without the circle: other parts of the field, close-ups, graphics, other sports. They must be refused unless
+their straight lines determine the camera, as those of a penalty area may.
+"""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from circlecal.api import Calibration
-from circlecal.api.calls import Settings, configure
+from circlecal.api.calls import Settings, configure, open_video
 from circlecal.config import AUTO, Config
 from circlecal.errors import ConfigError
 from circlecal.field import FieldTemplate
@@ -41,7 +41,8 @@ def track(
     path : path
         The video.
     config, field, set : optional
-        As for :func:`circlecal.calibrate`; of the field ``auto`` some frames of the clip are looked at first.
+        As for :func:`circlecal.calibrate`. With ``field="auto"`` some frames of the clip are looked at first to find
+        the sport.
     every : str or int
         A number of frames, or a time such as ``"200ms"``; every frame by default. Those between are followed too.
     start, end : str or float, optional
@@ -59,13 +60,13 @@ def track(
     Raises
     ------
     InputError
-        No video, times that are none, or a damaged venue.
-    ConfigError
+        The file is missing, is a picture, or no video; a time that is none, or a damaged venue.
+    ConfigError, MissingExtraError, TypeError
         As for :func:`circlecal.calibrate`.
     """
     chosen = configure(config, field, set)
     sampling = Sampling.parse(str(every), *(None if time is None else str(time) for time in (start, end)))
-    video = Video.open(Path(path), Path(path).stem)
+    video = open_video(path, chosen)
     if venue is None:
         chosen = name_field([video], sampling, chosen)
     elif chosen.field.template == AUTO:

@@ -338,6 +338,15 @@ def test_a_frame_whose_files_cannot_be_written_is_not_finished(run_circlecal, fr
     assert [record["status"] for record in records(out)] == ["calibrated"]
 
 
+@pytest.mark.parametrize("command", [("batch", "--files", "--workers", 1), ("calibrate",)])
+def test_an_annotation_in_the_place_of_a_result_is_kept(run_circlecal, in_this_process, frame_file, command):
+    other = frame_file.with_suffix(".json")
+    other.write_text('{"shapes": []}')
+    outcome = run_circlecal(*command, frame_file, "--out", frame_file.parent, "--no-overlay", "-q")
+    assert outcome.code == 2 and "good.json: exists and is no result of circlecal" in outcome.err, outcome
+    assert other.read_text() == '{"shapes": []}'
+
+
 def test_a_damaged_line_in_the_middle_is_an_error(tmp_path):
     digest = config_digest(Config())
     good = json.dumps({"schema_version": 1, "id": "a", "status": "refused", "config_digest": digest})

@@ -85,6 +85,20 @@ def test_pictures_and_videos_together(run_circlecal, tmp_path):
     assert sorted(record["id"] for record in records(out)) == expected
 
 
+def test_annotations_and_truth_in_a_folder_of_videos_are_no_frames_unless_their_format_is_named(
+    run_circlecal, in_this_process, tmp_path
+):
+    folder = tmp_path / "clips"
+    (folder / "truth").mkdir(parents=True)
+    write_video(folder / "a.avi", "MJPG", 25)
+    (folder / "truth" / "a.json").write_text('{"shots": [], "tripod": {}, "frames": []}')
+    alone = run_circlecal("batch", folder, "--out", tmp_path / "alone", "--workers", 1)
+    assert alone.code == 1 and "error" not in alone.err, alone
+    assert [record["id"] for record in records(tmp_path / "alone")] == ["a_00-00-00.000"]
+    named = run_circlecal("batch", folder, "--from", "coco", "--out", tmp_path / "named", "--workers", 1)
+    assert named.code == 2 and "a.json" in named.err
+
+
 def test_a_run_in_the_folder_of_its_videos_goes_on(run_circlecal, in_this_process, tmp_path):
     write_video(tmp_path / "a.avi", "MJPG", 50)
     command = "batch", tmp_path, "--out", tmp_path, "--workers", 1, "--files"

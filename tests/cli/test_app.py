@@ -15,6 +15,7 @@ from circlecal import __version__
 from circlecal.cli.app import app
 from circlecal.config import Config
 from circlecal.formats.registry import annotation_formats, calibration_formats, camera_formats
+from circlecal.pictures.files import OWN_FOLDERS
 from circlecal.solvers import solver_names
 
 ROOT = Path(__file__).parents[2]
@@ -37,7 +38,6 @@ def test_help_names_formats_solvers_and_defaults(run_circlecal, monkeypatch):
     read, cameras = annotation_formats(), camera_formats()
     written = {name for name, form in read.items() if form.write is not None} | set(cameras)
     named = {"calibrate": {*read, *calibration_formats(), *solver_names()}, "convert": {*written, "parquet"}}
-    named["calibrate"] -= {"circlecal", "circlecal_default"}
     named["batch"] = named["calibrate"] | {"parquet"}
     for command, names in named.items():
         words = set(re.findall(r"[\w]+", run_circlecal(command, "--help").out))
@@ -217,7 +217,7 @@ def test_one_thread_of_linear_algebra_unless_more_are_wanted(given, threads):
         ("field: {sizes: {lenght: 100}}", "field.sizes.lenght is unknown; known in"),
         (
             "field: {sizes: {length: 100000}}",
-            "with field.sizes.length=100000: length_m: should be less than",
+            "field.sizes.length=100000: length_m: should be less than",
         ),
         ("field: {template: nosuch}", "field 'nosuch' is unknown"),
         ("field: {circle: nosuch}", "field.circle: 'nosuch' is not a circle of soccer"),
@@ -232,3 +232,34 @@ def test_what_a_file_says_of_the_field_is_refused_with_the_name_of_that_file(run
     file.write_text("seed: 3")
     outcome = run_circlecal("config", "--config", file, "--set", "field.sizes.lenght=100")
     assert outcome.code == 2 and str(file) not in outcome.err
+
+
+@pytest.mark.parametrize(
+    ("command", "folder"),
+    [("calibrate", "circlecal-out"), ("batch", "circlecal-run"), ("simulate", "circlecal-simulate")],
+)
+def test_commands_write_into_folders_of_their_own(run_circlecal, monkeypatch, command, folder):
+    monkeypatch.setenv("COLUMNS", "200")
+    assert f"[default: {folder}]" in run_circlecal(command, "--help").out
+    assert folder in OWN_FOLDERS
+
+
+def test_commands_and_benchmarks_say_what_they_do(run_circlecal, monkeypatch):
+    """By a verb at the beginning, which is no noun with an article, a number or an adjective before it."""
+    monkeypatch.setenv("COLUMNS", "200")
+    for command in ("", "bench"):
+        shown = run_circlecal(*command.split(), "--help").out.split("Commands")[1]
+        first = re.findall(r"│ [\w-]+ +(\w+)", shown) or re.findall(r"^ +[\w-]+  +(\w+)", shown, flags=re.MULTILINE)
+        assert len(first) > 10
+        assert not set(first) & {
+            "A",
+            "The",
+            "Every",
+            "What",
+            "Whole",
+            "Real",
+            "Error",
+            "Distance",
+            "Annotated",
+            "Clicks",
+        }

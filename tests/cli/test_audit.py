@@ -39,7 +39,7 @@ def test_tables_with_either_center(run_circlecal, keypoints):
         assert outcome.code == 0, outcome
         assert "50-52" in outcome.out
         assert "median px" in outcome.out
-        assert run_circlecal("audit", keypoints, "--center", center, "--quiet").out in outcome.out
+        assert run_circlecal("audit", keypoints, "--center", center, "--no-frames").out in outcome.out
     assert "Leave out the table of the frames" in run_circlecal("audit", "--help").out
 
 
@@ -47,7 +47,7 @@ def test_tables_with_either_center(run_circlecal, keypoints):
 def test_plot(run_circlecal, keypoints, tmp_path, suffix):
     pytest.importorskip("matplotlib")
     target = tmp_path / "plots" / f"audit{suffix}"
-    assert run_circlecal("audit", keypoints, "--plot", target, "--quiet").code == 0
+    assert run_circlecal("audit", keypoints, "--plot", target, "--no-frames").code == 0
     assert target.read_bytes()[:5] in (b"\x89PNG\r", b"<?xml")
 
 

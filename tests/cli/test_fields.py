@@ -54,7 +54,7 @@ def test_a_template_of_ones_own_is_checked(tmp_path, run_circlecal):
     outcome = run_circlecal("fields", mine, "soccer")
     assert outcome.code == 0
     rows = [line.split("\t") for line in outcome.out.splitlines()]
-    assert ["mine", "60 x 30 m", "0.05 m", "ice-hockey", "centre_circle", "4.5 m (outer edge)", "default"] in rows
+    assert ["mine", "60 x 30 m", "0.05 m", "ice-hockey", "centre_circle", "4.5 m (outer edge)", "yes"] in rows
     assert {row[0] for row in rows[2:]} == {"mine", "soccer"}
     mine.write_text("name: mine")
     assert run_circlecal("fields", mine).code == 2

@@ -8,6 +8,7 @@ import pytest
 import yaml
 
 from circlecal.config import load_config
+from circlecal.errors import ConfigError
 from circlecal.field import field_folder, field_names, load_field
 from circlecal.field.loading import FACTS_OF_SPORT, find_relative
 
@@ -65,3 +66,11 @@ def test_the_configuration_of_the_relative_is_taken(tmp_path):
     config = load_config(None, {"field.template": str(file)})
     assert config == load_config("ice-hockey", {"field.template": str(file)})
     assert config.mask.detector.marking == "dark"
+
+
+@pytest.mark.parametrize("sport", ["footbal", "hockey", "Soccer"])
+def test_a_sport_that_is_misspelt_names_the_known_ones(sport, tmp_path):
+    with pytest.raises(ConfigError, match=rf"sport: '{sport}' is unknown; known: Australian football, basketball, "):
+        load_field(_write(tmp_path, _content("soccer"), sport=sport))
+    for other in ("American football", "kabaddi"):
+        assert load_field(_write(tmp_path, _content("soccer"), sport=other)).sport == other

@@ -1,6 +1,7 @@
 """Folders of frames: complete, repeatable, and refused when asked for nonsense."""
 
 import json
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -15,6 +16,7 @@ from circlecal.synthetic.samples import write_samples
 from circlecal.synthetic.sampling import SCENE_PROFILES
 
 SIZE = (480, 270)
+SAMPLES = Path(__file__).parents[2] / "samples"
 
 
 def contents(folder):
@@ -144,6 +146,23 @@ def test_samples(samples):
     assert truth["hidden_mark"]["center_mark"] == "hidden"
     assert {i for i, t in truth.items() if t["expect"] == "refuse"} == {"penalty_area", "touchline_only"}
     assert truth["penalty_area"]["circle_pixels"] == 0
+
+
+def test_the_committed_truth_of_the_samples_is_that_of_their_cameras(samples):
+    """Pixels are counted in the committed pictures, whose players stand elsewhere; everything else is geometry."""
+    folder, ids = samples
+    for name in ids:
+        written, kept = (json.loads((root / "truth" / f"{name}.json").read_text()) for root in (folder, SAMPLES))
+        assert written.keys() == kept.keys()
+        for key in written.keys() - {"circle_pixels", "halfway_pixels"}:
+            assert flat(written[key]) == pytest.approx(flat(kept[key])), f"{name}: {key}"
+
+
+def flat(value):
+    """All numbers and words of a JSON value in one list."""
+    if isinstance(value, dict):
+        return [one for key in value for one in flat(value[key])]
+    return [one for item in value for one in flat(item)] if isinstance(value, list) else [value]
 
 
 def test_samples_show_the_detector(samples):

@@ -38,7 +38,7 @@ def track(
     settings: options.Settings = None,
     as_json: Json = False,
 ) -> None:
-    """Every frame of rendered clips: answered, right, errors, jitter, cuts, tripods, and time beside decoding."""
+    """Track rendered clips: frames answered and right, errors, jitter, cuts, tripods, and time beside decoding."""
     from dataclasses import asdict
 
     from circlecal.cli.console import count_steps

@@ -25,7 +25,7 @@ def time_batch(
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
-    """Throughput of a batch, what it adds to the calibrations, and how time and memory grow with the frames."""
+    """Time a batch: throughput, what it adds to the calibrations, how time and memory grow with the frames."""
     from dataclasses import asdict
 
     from circlecal.cli.console import count_steps
@@ -80,7 +80,7 @@ def fuzz(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Damaged files for every reader and command: tracebacks, hangs, memory and exit codes that must not be."""
+    """Give damaged files to every reader and command, and count tracebacks, hangs and wrong exit codes."""
     from dataclasses import asdict
 
     from circlecal.cli.console import count_steps
@@ -131,7 +131,7 @@ def faults(
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
-    """A batch killed with SIGKILL at random moments and taken up again: what is lost, and what is there twice."""
+    """Kill a batch with SIGKILL at random moments, take it up again, and count what is lost or there twice."""
     from dataclasses import asdict
 
     from circlecal.cli.console import count_steps
@@ -163,7 +163,7 @@ def soak(
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
-    """A long batch of small frames: memory, open files and temporary files after a fifth of it and at its end."""
+    """Run a long batch of small frames: memory, open files and temporary files after a fifth of it and at its end."""
     from dataclasses import asdict
 
     from circlecal.cli.console import count_steps, print_table

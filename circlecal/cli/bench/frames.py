@@ -32,7 +32,7 @@ def detect(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Whole chain on rendered frames: completeness, errors, predicted against true error, time stage by stage."""
+    """Run the whole chain on rendered frames: completeness, errors, predicted against true error, time by stage."""
     from dataclasses import asdict
 
     from circlecal.cli.console import count_steps
@@ -127,7 +127,7 @@ def constants(
     width: Width = 1920,
     as_json: Json = False,
 ) -> None:
-    """What each limit of the verdict separates: its check on right and on wrong answers to rendered frames."""
+    """Show what each limit of the verdict separates: its check on right and on wrong answers to rendered frames."""
     from dataclasses import asdict
 
     from circlecal.cli.console import count_steps
@@ -172,7 +172,7 @@ def sports(
     per_frame: Annotated[bool, typer.Option("--per-frame", help="Also what was tried for each frame.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Real frames whose field nobody names (--field auto): is the sport recognised, and does soccer lose nothing?"""
+    """Calibrate real frames with --field auto: whether the sport is recognised, and soccer loses nothing."""
     from dataclasses import asdict
 
     from circlecal.cli.console import count_steps

@@ -21,7 +21,7 @@ def accuracy(
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
-    """Error of the camera on synthetic observations, beside the Cramer-Rao bound on the same draws."""
+    """Measure the camera's error on synthetic observations, beside the Cramer-Rao bound on these draws."""
     from circlecal.cli.console import count_steps
     from circlecal.evaluation.bench.accuracy import all_row_names, as_records, run_rows
     from circlecal.evaluation.bench.many_frames import select_rigs
@@ -84,7 +84,7 @@ def ransac(
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
-    """Robust ellipse fits under outliers, and their speed beside OpenCV and scikit-image."""
+    """Fit ellipses under outliers, and compare speed with OpenCV and scikit-image."""
     from dataclasses import asdict
 
     from circlecal.cli.console import count_steps
@@ -130,7 +130,7 @@ def solvers(
     ] = False,
     as_json: Json = False,
 ) -> None:
-    """Every published solver on every view, and the paper's statements that the runs do not confirm."""
+    """Run every published solver on every view, and list the paper's statements that the runs do not confirm."""
     from circlecal.cli.console import count_steps
     from circlecal.evaluation.bench.solvers import as_records, paper_statements, run_focals, run_solvers, scenario_count
 

@@ -15,13 +15,20 @@ if TYPE_CHECKING:
 
 
 def score_annotations(
-    path: Annotated[Path, typer.Argument(metavar="PATH", help="Folder of <set>/ground_truth, ...")],
+    path: Annotated[
+        Path,
+        typer.Argument(
+            metavar="PATH",
+            help="Folder of sets, each a folder with ground_truth (SoccerNet line annotations) and, where there are "
+            "any, <peer>_camera (SoccerNet cameras) and pnlcalib_keypoints (detections).",
+        ),
+    ],
     sets: Annotated[str, typer.Option(help="Sets separated by commas; all when empty.")] = "",
     config: Annotated[str, typer.Option("--config", "-c", help="YAML file, or a name.")] = "annotations",
     settings: options.Settings = None,
     as_json: Json = False,
 ) -> None:
-    """Annotated real frames, official metric at 1920x1080: published peers, then circlecal on the same frames."""
+    """Score annotated real frames with the official metric at 1920x1080: published peers, then circlecal."""
     from dataclasses import asdict
 
     from circlecal.cli.console import count_steps
@@ -66,7 +73,11 @@ def _format_lead(row: AnnotationRow) -> str:
 def click_frames(
     path: Annotated[
         Path | None,
-        typer.Argument(metavar="[FOLDER]", help="Real frames: images/ and truth/; rendered ones alone without."),
+        typer.Argument(
+            metavar="[FOLDER]",
+            help="Real frames: pictures in images, a JSON file with elements for each in truth; rendered ones alone "
+            "without.",
+        ),
     ] = None,
     rendered: Annotated[int, typer.Option(min=0, help="Rendered frames of each kind.")] = 10,
     seed: Seed = 0,
@@ -74,7 +85,7 @@ def click_frames(
     settings: options.Settings = None,
     as_json: Json = False,
 ) -> None:
-    """Clicks in the workbench until a refused or doubtful frame is calibrated and good, and the time of a change."""
+    """Count clicks in the workbench until a refused or doubtful frame is calibrated and good, and time a change."""
     from dataclasses import asdict
 
     from circlecal.cli.console import count_steps
