@@ -21,7 +21,7 @@ from circlecal.pictures.files import OVERLAY_SUFFIX
 from tests.report.browser import Browser
 
 SAMPLES = Path(__file__).parents[1] / "samples"
-COMMAND = (sys.executable, "-m", "circlecal.cli")
+COMMAND = (sys.executable, "-m", "circlecal")
 MOST_BYTES = 200_000
 """Of one picture."""
 WIDTH = 1280

@@ -43,6 +43,7 @@ LAYERS: tuple[frozenset[str], ...] = (
     frozenset({"report", "workbench"}),
     frozenset({"evaluation"}),
     frozenset({"cli"}),
+    frozenset({"__main__"}),
 )
 """From the bottom to the top: a module may import what stands in a lower layer, and its own package."""
 

@@ -47,7 +47,7 @@ def only_line(outcome, *named: str) -> None:
 
 
 def run_process(*arguments: object, **surroundings: str) -> subprocess.CompletedProcess[bytes]:
-    command = [sys.executable, "-m", "circlecal.cli", *map(str, arguments)]
+    command = [sys.executable, "-m", "circlecal", *map(str, arguments)]
     return subprocess.run(command, check=False, capture_output=True, env={**SURROUNDINGS, **surroundings}, timeout=300)
 
 

@@ -17,7 +17,7 @@ import circlecal
 from circlecal.batch import SUMMARY_NAME
 from circlecal.records.log import RESULTS_NAME
 
-COMMAND = [sys.executable, "-m", "circlecal.cli", "batch"]
+COMMAND = [sys.executable, "-m", "circlecal", "batch"]
 SURROUNDINGS = {**os.environ, "PYTHONPATH": str(Path(circlecal.__file__).parents[1])}
 
 

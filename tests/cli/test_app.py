@@ -86,7 +86,7 @@ def test_every_command_has_help_of_its_own_and_h_is_help(run_circlecal, command)
 def test_the_shell_completes_commands_and_names(typed, completed):
     request = {"_CIRCLECAL_COMPLETE": "complete_bash", "COMP_WORDS": typed, "COMP_CWORD": str(typed.count(" "))}
     run = subprocess.run(
-        [sys.executable, "-m", "circlecal.cli"], capture_output=True, text=True, env={**os.environ, **request}
+        [sys.executable, "-m", "circlecal"], capture_output=True, text=True, env={**os.environ, **request}
     )
     assert run.stdout.split() == completed, run.stderr
 

@@ -83,7 +83,7 @@ def test_a_full_standard_output_is_told():
         pytest.skip("no /dev/full here")
     with full:
         run = subprocess.run(
-            [sys.executable, "-m", "circlecal.cli", "fields"], stdout=full, stderr=subprocess.PIPE, text=True
+            [sys.executable, "-m", "circlecal", "fields"], stdout=full, stderr=subprocess.PIPE, text=True
         )
     told = "circlecal: error: standard output: cannot be written: no space left on device\n"
     assert (run.returncode, run.stderr) == (2, told)

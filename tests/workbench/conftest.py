@@ -65,7 +65,7 @@ def serve() -> Iterator[Callable[..., tuple[subprocess.Popen[str], str]]]:
     running: list[subprocess.Popen[str]] = []
 
     def start(*arguments: object) -> tuple[subprocess.Popen[str], str]:
-        command = [sys.executable, "-m", "circlecal.cli", "annotate", "--no-browser", "-q", *map(str, arguments)]
+        command = [sys.executable, "-m", "circlecal", "annotate", "--no-browser", "-q", *map(str, arguments)]
         server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         running.append(server)
         assert server.stdout is not None

@@ -1,4 +1,4 @@
-"""``python -m circlecal.cli``."""
+"""``python -m circlecal``."""
 
 from circlecal.cli import main
 
