@@ -234,12 +234,13 @@ def choose_answer(answers: Sequence[Answer]) -> FrameCalibration:
     Returns
     -------
     FrameCalibration
-        Of templates of one sport that explain the picture about as well, the first. Where another sport does, it is
-        refused as ``field_open``. Where none is believed, the first answer of all, refused on strange ground.
+        The one of most weight, of those that weigh alike the first. Where another sport explains the picture about as
+        well, it is refused as ``field_open``. Where none is believed, the first answer of all, refused on strange
+        ground.
     """
     most = max(answer.weight for answer in answers)
     rivals = [answer for answer in answers if answer.weight * RIVAL_RATIO > most]
-    taken = rivals[0] if rivals else answers[0]
+    taken = max(rivals, key=lambda answer: answer.weight) if rivals else answers[0]
     others = sorted((a for a in answers if a is not taken), key=lambda answer: -answer.weight)
     found = replace(taken.found, fields=(taken.candidate, *(answer.candidate for answer in others)))
     is_clear = len({answer.candidate.sport for answer in rivals}) == 1 or (not rivals and taken.is_at_home)

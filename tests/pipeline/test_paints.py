@@ -15,7 +15,7 @@ from circlecal.paint.brightness import brightness_of_paint
 from circlecal.pipeline import paints as module
 from circlecal.pipeline import run
 from circlecal.records.writing import result_record
-from circlecal.results import LikelySport
+from circlecal.results import Attempt, FieldCandidate, FrameCalibration, LikelySport, Verdict
 from circlecal.synthetic.floors import (
     BLACK,
     BLUE,
@@ -136,6 +136,30 @@ def test_what_the_brightness_shows_alone_is_not_looked_at_again(monkeypatch, pai
     picture = np.zeros((36, 64, 3), np.uint8)
     first = SimpleNamespace(template=load_field("futsal"))
     assert len(module._find_likely_paints(picture, first, load_config("futsal"))) == count == len(looked)
+
+
+@pytest.mark.parametrize(
+    ("evidence", "by_colour", "taken"),
+    [(0.43, 1.7, "basketball-nba"), (0.43, 0.3, "basketball-ncaa"), (0.86, 1.7, "basketball-ncaa")],
+    ids=["little is painted", "less by colour", "enough is painted"],
+)
+def test_colours_are_looked_at_before_a_league_that_little_speaks_for_is_believed(
+    monkeypatch, evidence, by_colour, taken
+):
+    """A rendered NBA court was taken for another league's with 0.43 picture widths of its markings."""
+    config, paint = load_config(None, {"field.template": "auto"}), np.array([60.0, 61.0, 70.0])
+
+    def answer(name, evidence):
+        seen = FieldCandidate(name, "basketball", "calibrated", None, evidence, 0.6, 0.8)
+        attempt = Attempt(verdict=Verdict("calibrated", None, None, None))
+        found = FrameCalibration("x", 64, 36, name, "centre_circle", attempt, 0, "", template=load_field(name))
+        return replace(found, fields=(seen,), paint_bgr=tuple(paint))
+
+    monkeypatch.setattr(module, "_may_have_paints", lambda *_: True)
+    monkeypatch.setattr(module, "_find_likely_paints", lambda *_: [(paint, config.mask)])
+    first, other = answer("basketball-ncaa", evidence), answer("basketball-nba", by_colour)
+    found = module.calibrate_by_paint(np.zeros((36, 64, 3), np.uint8), config, first, lambda _: other)
+    assert found.field_name == taken
 
 
 def test_a_sport_in_several_paints_is_not_looked_for_in_one():
