@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.config import AUTO, Config
+from circlecal.config import AUTO, Config, suit_config
 from circlecal.field import load_field
 from circlecal.geometry.projective import Array
 from circlecal.observations import Observations
@@ -17,6 +17,7 @@ from circlecal.paint.colour import match_paint
 from circlecal.pipeline.attempts import refuse_as_open
 from circlecal.pipeline.field_choice import calibrate_unknown_field
 from circlecal.pipeline.field_paint import LEAST_CIRCLE
+from circlecal.pipeline.fields import field_of
 from circlecal.pipeline.known_cameras import calibrate_by_cameras
 from circlecal.pipeline.run import run
 from circlecal.pipeline.setting import frame_generator
@@ -51,6 +52,9 @@ def calibrate_image(
 ) -> FrameCalibration:
     """Calibrate one frame, whose field is named or to be told, by all that is painted or by the lines of one colour.
 
+    A mask says little of a field with several large circles or with discs: where it is refused, the picture is looked
+    at as if there were none.
+
     Parameters
     ----------
     image, config, mask, extra, frame_id, source : optional
@@ -63,15 +67,27 @@ def calibrate_image(
     InputError
         Where the mask is not of the picture's size.
     """
-    calibrate = calibrate_unknown_field if config.field.template == AUTO else run
+    is_unknown = config.field.template == AUTO
+    calibrate = calibrate_unknown_field if is_unknown else run
 
-    def answer(chosen: Config) -> FrameCalibration:
-        return calibrate(image, chosen, mask=mask, extra=extra, frame_id=frame_id, source=source)
+    def calibrate_with(given: NDArray[np.uint8] | None) -> FrameCalibration:
+        def answer(chosen: Config) -> FrameCalibration:
+            return calibrate(image, chosen, mask=given, extra=extra, frame_id=frame_id, source=source)
 
-    def answer_by_paint(chosen: Config) -> FrameCalibration:
-        return calibrate_by_paint(image, chosen, answer(chosen), answer)
+        return calibrate_by_cameras(config, lambda chosen: calibrate_by_paint(image, chosen, answer(chosen), answer))
 
-    return calibrate_by_cameras(config, answer_by_paint)
+    found = calibrate_with(mask)
+    is_open = mask is not None and found.status != "calibrated" and config.mask.source == "auto"
+    if not is_open or not (is_unknown or _is_more_than_a_circle(config)):
+        return found
+    seen = calibrate_with(None)
+    is_more = not is_unknown or _is_more_than_a_circle(suit_config(config, seen.field_name))
+    return seen if seen.status == "calibrated" and is_more else found
+
+
+def _is_more_than_a_circle(config: Config) -> bool:
+    """Whether the detector sees more of a field than a mask tells: any of several circles, or a disc or logo."""
+    return config.field.any_circle or field_of(config)[1].fill != "none"
 
 
 def calibrate_by_paint(
@@ -107,9 +123,11 @@ def calibrate_by_paint(
 
 
 def _is_open(first: FrameCalibration) -> bool:
-    """Whether an answer is refused, or little is painted of a field that nobody named."""
+    """Whether an answer is refused, or little is painted of a field in one paint that nobody named."""
+    if first.status != "calibrated" or first.template is None:
+        return True
     evidence = first.fields[0].evidence if first.fields else None
-    return first.status != "calibrated" or (evidence is not None and evidence < LITTLE_EVIDENCE)
+    return first.template.is_in_one_paint and evidence is not None and evidence < LITTLE_EVIDENCE
 
 
 def _weigh(found: FrameCalibration) -> float:

@@ -114,6 +114,14 @@ class _Followed:
 
 
 @dataclass(frozen=True, slots=True)
+class _Laid:
+    """On which paint a field of a sport was laid, and the most evidence that a camera found for it, picture widths."""
+
+    key: tuple[object, ...]
+    evidence: float
+
+
+@dataclass(frozen=True, slots=True)
 class _Place:
     """Where a field may be laid: what was seen, its paint, and what times the evidence is asked for there."""
 
@@ -138,15 +146,21 @@ def place_template(setting: Setting, scene: Scene, first: Attempt) -> Iterator[A
     searched until one answers.
     """
     followed = list[_Followed]()
-    # a field of other sizes of the same sport usually lies where the first one was laid, which may be wrong, though
+    # a field of other sizes of the same sport lies where the first one was laid; on the likeliest other surfaces only
+    # where more speaks for it there than for the first one, which may be laid wrongly
     sport = "laid", setting.template.sport_name
     laid = scene.looks.recall(sport)
+    laid = laid if isinstance(laid, _Laid) else None
     places = _look_at_surfaces(setting, scene, first.mask)
     most = MOST_PLACED if laid is None else MOST_OF_SIBLING
-    for place in places if laid is None else sorted(places, key=lambda place: place.paint.key != laid):
-        best = _place_among(setting, scene, place.mask, place.paint, place.factor, most, followed)
+    for place in places if laid is None else sorted(places, key=lambda place: place.paint.key != laid.key):
+        least = 0.0 if laid is None or place.paint.key == laid.key else laid.evidence
+        if least > 0.0 and place.factor > 1.0:
+            continue
+        best = _place_among(setting, scene, place.mask, place.paint, place.factor, most, followed, least)
         if best is not None:
-            scene.looks.keep(sport, place.paint.key)
+            found = [one.answer.weighed.evidence for one in followed if one.answer is not None]
+            scene.looks.keep(sport, _Laid(place.paint.key, max(found, default=0.0)))
             yield best
 
 
@@ -192,15 +206,16 @@ def _place_among(
     factor: float,
     most: int,
     followed: list[_Followed],
+    least: float = 0.0,
 ) -> Attempt | None:
     """The answer of the field laid over paint of one polarity on one surface; None where none is believed.
 
-    The ``most`` likeliest placements are followed, but for those that were followed before; they are added to
-    ``followed``. An answer needs ``factor`` times the evidence that is usually enough.
+    The ``most`` likeliest placements of more than the ``least`` evidence are followed, but for those that were followed
+    before; they are added to ``followed``. An answer needs ``factor`` times the evidence that is usually enough.
     """
     earlier = [other for other in followed if other.paint.surface is paint.surface]
     with setting.clock("cues"):
-        placements = _find_placements(setting, scene, paint)
+        placements = [placed for placed in _find_placements(setting, scene, paint) if placed.evidence > least]
     now = _follow_likely(setting, scene, mask, paint, placements[:most], earlier)
     followed += now
     return _choose_answer(setting, now, earlier, factor)

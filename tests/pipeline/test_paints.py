@@ -162,6 +162,37 @@ def test_colours_are_looked_at_before_a_league_that_little_speaks_for_is_believe
     assert found.field_name == taken
 
 
+@pytest.mark.parametrize(
+    ("field", "shown", "settings", "sees"),
+    [
+        ("basketball-nba", None, [], True),
+        ("ice-hockey-nhl", None, [], True),
+        ("curling", None, [], True),
+        ("soccer", None, [], False),
+        ("auto", "basketball-nba", [], True),
+        ("auto", "soccer", [], False),
+        ("basketball-nba", None, ["mask.source=file"], False),
+    ],
+)
+def test_a_court_that_is_refused_with_its_mask_is_looked_at_without(monkeypatch, field, shown, settings, sees):
+    """A mask tells no other circle of a field than one, and neither discs nor further markings; soccer's answers with
+    masks stay.
+    """
+    config = load_config(None, [f"field.template={field}", *settings])
+
+    def calibrate(image, chosen, *, mask, **_):
+        verdict = Verdict("calibrated", None, None, None) if mask is None else Verdict("refused", "x", None, "mask")
+        name = shown or field
+        template = load_field(name)
+        return FrameCalibration("x", 64, 36, name, template.default_circle, Attempt(verdict=verdict), 0, "")
+
+    monkeypatch.setattr(module, "run", calibrate)
+    monkeypatch.setattr(module, "calibrate_unknown_field", calibrate)
+    picture = np.zeros((36, 64, 3), np.uint8)
+    found = module.calibrate_image(picture, config, mask=picture[..., 0], frame_id="x")
+    assert found.status == ("calibrated" if sees else "refused")
+
+
 def test_a_sport_in_several_paints_is_not_looked_for_in_one():
     config = load_config(None, {"field.template": "auto"})
     assert module._is_in_one_paint(LikelySport("basketball", 0.7), config)
