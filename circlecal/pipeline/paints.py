@@ -82,7 +82,8 @@ def calibrate_image(
         return found
     seen = calibrate_with(None)
     is_more = not is_unknown or _is_more_than_a_circle(suit_config(config, seen.field_name))
-    return seen if seen.status == "calibrated" and is_more else found
+    is_telling = seen.status == "calibrated" or seen.verdict.code == "circle_open"
+    return seen if is_telling and is_more else found
 
 
 def _is_more_than_a_circle(config: Config) -> bool:

@@ -29,7 +29,7 @@ from circlecal.synthetic.floors import (
     volleyball_lines,
 )
 from circlecal.synthetic.renderer import render
-from circlecal.synthetic.sampling import sample_scene
+from circlecal.synthetic.sampling import render_frame, sample_scene
 from circlecal.synthetic.scene import ExtraPaint
 
 INKS = (WHITE, YELLOW, RED, BLUE, BLACK, GREEN)
@@ -163,25 +163,28 @@ def test_colours_are_looked_at_before_a_league_that_little_speaks_for_is_believe
 
 
 @pytest.mark.parametrize(
-    ("field", "shown", "settings", "sees"),
+    ("field", "shown", "code", "settings", "sees"),
     [
-        ("basketball-nba", None, [], True),
-        ("ice-hockey-nhl", None, [], True),
-        ("curling", None, [], True),
-        ("soccer", None, [], False),
-        ("auto", "basketball-nba", [], True),
-        ("auto", "soccer", [], False),
-        ("basketball-nba", None, ["mask.source=file"], False),
+        ("basketball-nba", None, None, [], True),
+        ("ice-hockey-nhl", None, None, [], True),
+        ("ice-hockey-nhl", None, "circle_open", [], True),
+        ("ice-hockey-nhl", None, "no_circle_found", [], False),
+        ("curling", None, None, [], True),
+        ("soccer", None, None, [], False),
+        ("auto", "basketball-nba", None, [], True),
+        ("auto", "soccer", None, [], False),
+        ("basketball-nba", None, None, ["mask.source=file"], False),
     ],
 )
-def test_a_court_that_is_refused_with_its_mask_is_looked_at_without(monkeypatch, field, shown, settings, sees):
+def test_a_court_that_is_refused_with_its_mask_is_looked_at_without(monkeypatch, field, shown, code, settings, sees):
     """A mask tells no other circle of a field than one, and neither discs nor further markings; soccer's answers with
     masks stay.
     """
     config = load_config(None, [f"field.template={field}", *settings])
 
     def calibrate(image, chosen, *, mask, **_):
-        verdict = Verdict("calibrated", None, None, None) if mask is None else Verdict("refused", "x", None, "mask")
+        seen = Verdict("refused" if code else "calibrated", code, None, None)
+        verdict = seen if mask is None else Verdict("refused", "few_points", None, "mask")
         name = shown or field
         template = load_field(name)
         return FrameCalibration("x", 64, 36, name, template.default_circle, Attempt(verdict=verdict), 0, "")
@@ -190,7 +193,16 @@ def test_a_court_that_is_refused_with_its_mask_is_looked_at_without(monkeypatch,
     monkeypatch.setattr(module, "calibrate_unknown_field", calibrate)
     picture = np.zeros((36, 64, 3), np.uint8)
     found = module.calibrate_image(picture, config, mask=picture[..., 0], frame_id="x")
-    assert found.status == ("calibrated" if sees else "refused")
+    assert found.verdict.code == (code if sees else "few_points")
+
+
+@pytest.mark.parametrize(("profile", "field", "seed"), [("court", "basketball-nba", 2), ("rink", "ice-hockey-nhl", 0)])
+def test_a_rendered_court_and_rink_calibrate_beside_their_masks(profile, field, seed):
+    rendering = render_frame(profile, np.random.default_rng(seed), 960, 540)
+    config = load_config(None, [f"field.template={field}"])
+    assert run(rendering.image, config, mask=rendering.truth.classes, frame_id="x").status == "refused"
+    found = module.calibrate_image(rendering.image, config, mask=rendering.truth.classes, frame_id="x")
+    assert (found.status, found.attempt.mask.source) == ("calibrated", "detector")
 
 
 def test_a_sport_in_several_paints_is_not_looked_for_in_one():
