@@ -432,6 +432,18 @@ def test_sizes_of_a_result_count_for_a_field_of_ones_own(frame_image, tmp_path):
     assert again.field.sizes == found.field.sizes
 
 
+def test_a_result_of_a_field_of_ones_own_says_how_to_give_its_file(good, tmp_path):
+    path = good.save(tmp_path / "stored.json")
+    stored = json.loads(path.read_text())
+    stored["field"]["template"] = "mine"
+    path.write_text(json.dumps(stored))
+    mine = tmp_path / "mine.yaml"
+    mine.write_text((field_folder() / "soccer.yaml").read_text().replace("name: soccer", "name: mine"))
+    with pytest.raises(ConfigError, match=r"'mine', a template of your own; give its file: circlecal\.load\(.*field="):
+        _ = circlecal.load(path).field
+    assert circlecal.load(path, field=mine).field.name == "mine"
+
+
 def test_cameras_are_written_for_pictures_of_some_size(frame_image, tmp_path):
     with pytest.raises(InputError, match="size"):
         circlecal.calibrate(frame_image).export("soccernet", tmp_path, size=(0, 540))

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from circlecal import overlay
 from circlecal.api.notebook import show_record
 from circlecal.api.transformer import ViewTransformer
-from circlecal.errors import InputError
-from circlecal.field import FieldTemplate, load_field
+from circlecal.errors import ConfigError, InputError
+from circlecal.field import FieldTemplate, field_names, load_field
 from circlecal.field.view import FieldView
 from circlecal.files import is_folder
 from circlecal.formats.exports import Exports
@@ -356,7 +356,14 @@ class Calibration:
         if self._given_template is not None:
             return self._given_template
         known = self._record.field
-        return load_field("soccer") if known is None else load_field(known.template, known.sizes)
+        if known is None:
+            return load_field("soccer")
+        if known.template not in field_names():
+            raise ConfigError(
+                f"the result is of the field {known.template!r}, a template of your own; give its file: "
+                'circlecal.load(result, field="your.yaml")'
+            )
+        return load_field(known.template, known.sizes)
 
     @cached_property
     def found(self) -> results.FrameCalibration:

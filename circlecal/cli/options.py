@@ -177,7 +177,7 @@ CameraPrior = Annotated[
 ]
 VenueFile = Annotated[
     Path | None,
-    typer.Option("--venue", metavar="FILE", help="Cameras and pitch that are known: the venue.yaml of an earlier run."),
+    typer.Option("--venue", metavar="FILE", help="Known cameras, field and pitch: the venue.yaml of an earlier run."),
 ]
 Scheduler = Annotated[
     str | None,
@@ -277,10 +277,12 @@ def choose_config(
         from circlecal.records.camera_prior import prior_settings
 
         overrides += prior_settings(camera_prior)
+    if venue is not None:
+        from circlecal.rig.venue import choose_field, venue_settings
+
+        field = choose_field(venue, load_config(file, settings or ()).field, field)
     named_field = [] if field is None else [NamedOption("field.template", field, f"--field {field}")]
     if venue is not None:
-        from circlecal.rig.venue import venue_settings
-
         overrides += venue_settings(venue, field_of(load_config(file, [*(settings or ()), *named_field]))[0])
     overrides += [*(settings or ()), *named_field]
     named = (
@@ -301,10 +303,8 @@ def choose_config(
         if file is None or load_config(file).field != config.field:
             raise
         raise ConfigError(f"{file}: {error}") from error
-    if config.field.template == AUTO and (venue is not None or not tells_field):
-        raise ConfigError(
-            "--field auto is for calibrate, batch, debug and track, without --venue and --rig; name the field"
-        )
+    if config.field.template == AUTO and not tells_field:
+        raise ConfigError("--field auto is for calibrate, batch, debug and track, without --rig; name the field")
     require_networks(config)
     return config
 

@@ -115,7 +115,10 @@ def print_report(report: RigReport, out: Path) -> None:
             ],
         )
     else:
-        console.print_line("no camera was found that several calibrated frames agree on; the results stay as they were")
+        console.print_line(
+            "no camera was found that several calibrated frames agree on; the results stay as they were, and no "
+            "venue.yaml is written"
+        )
     if report.missing:
         more = f" and {len(report.missing) - 1} more" if len(report.missing) > 1 else ""
         why = "not there, so frames that were refused were not looked at again; start it where the run was started"

@@ -63,12 +63,12 @@ def track(
 ) -> None:
     """Find the camera of every frame of a clip, from its tripod; run it again to go on after a stop."""
     from circlecal.cli import console
-    from circlecal.config import AUTO, absolute_files
+    from circlecal.config import AUTO, absolute_files, load_config
     from circlecal.formats.annotation import ANNOTATION_FOLDER
     from circlecal.pictures.inputs import absolute_input
     from circlecal.pictures.video import Sampling
     from circlecal.pipeline import field_of
-    from circlecal.rig.venue import read_venue
+    from circlecal.rig.venue import choose_field, read_venue
     from circlecal.tracking.field_of_clip import name_field
     from circlecal.tracking.run import run_track
     from circlecal.tracking.stretches import DEFAULT_EVERY, ClipRun
@@ -77,6 +77,8 @@ def track(
     if scheduler is not None:  # workers have another working folder
         inputs, out = [absolute_input(name) for name in inputs], out.absolute()
         annotations = None if annotations is None else annotations.absolute()
+    if venue is not None:
+        field = choose_field(venue, load_config(config, settings or ()).field, field)
     chosen = options.choose_config(config, settings, field, seed, tells_field=venue is None)
     chosen = chosen if scheduler is None else absolute_files(chosen)
     known = None if venue is None else read_venue(venue, field_of(chosen)[0])

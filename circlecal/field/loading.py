@@ -67,9 +67,19 @@ def template_from_mapping(content: Any, source: str, sizes: dict[str, float] | N
         return FieldTemplate.model_validate({**content, "sizes": evaluated}, context={"sizes": evaluated})
     except ValidationError as error:
         first = error.errors()[0]
+        missing = [_name_missing(problem["loc"]) for problem in error.errors() if problem["type"] == "missing"]
+        if len(missing) > 1 or first["type"] == "missing":
+            told = "is missing" if len(missing) == 1 else "are missing"
+            raise ConfigError(f"{source}: {', '.join(missing)} {told}") from error
         where = ".".join(str(part) for part in first["loc"]) or "template"
         given = ", ".join(f"field.sizes.{key}={value:g}" for key, value in (sizes or {}).items())
         raise ConfigError(f"{given or source}: {where}: {explain_problem(first['type'], first['msg'])}") from error
+
+
+def _name_missing(location: tuple[int | str, ...]) -> str:
+    """A key that is missing, with what may stand there where that is not plain."""
+    hint = " (a line's name, or null)" if location == ("halfway_line",) else ""
+    return ".".join(map(str, location)) + hint
 
 
 def field_folder() -> Path:

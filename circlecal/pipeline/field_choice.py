@@ -21,14 +21,14 @@ from circlecal.paint.brightness import brightness_of_paint
 from circlecal.pipeline.attempts import refuse_as_open
 from circlecal.pipeline.field_paint import look_for_paint, recall_evidence
 from circlecal.pipeline.fields import field_of
-from circlecal.pipeline.likely_sport import Trial, tell_sport
+from circlecal.pipeline.likely_sport import Trial, is_rink_paint, tell_sport
 from circlecal.pipeline.placed_field import EXPLAINED_EVIDENCE as PLACED_EVIDENCE
 from circlecal.pipeline.placed_field import EXPLAINED_SHARE as PLACED_SHARE
 from circlecal.pipeline.run import run
 from circlecal.pipeline.setting import Looks, Scene
 from circlecal.placement import ViewEvidence, weigh_view
 from circlecal.results import FieldCandidate, FrameCalibration
-from circlecal.stages.mask import tell_grounds
+from circlecal.stages.mask import tell_grounds, tell_paints
 from circlecal.stages.verdict_on_picture import is_beyond_doubt, needs_confirmation
 
 LEAST_EVIDENCE = 0.3
@@ -131,10 +131,12 @@ def _try_others(
 ) -> None:
     """Add the answers under the other templates to that under the first.
 
-    Those that suit the ground come first; after a group of which one has any weight no other is tried, and no sport
-    beside one that is settled.
+    Those that suit the ground come first; after a group of which one has any weight no other is tried, no sport beside
+    one that is settled, and none of a floor where a rink is seen that does not calibrate.
     """
     for group in _group_by_ground(config.field.among[1:], grounds):
+        if grounds[0] == "ice" and _is_rink(answers, scene, config):
+            break
         for name in group:
             sport = load_field(name).sport_name
             if any(answer.is_settled and answer.candidate.sport != sport for answer in answers):
@@ -145,6 +147,20 @@ def _try_others(
             answers.append(replace(answer, least_explained=EXPLAINED_ON_ICE) if is_doubtful else answer)
         if any(answer.weight > 0.0 for answer in answers[1:]):
             break
+
+
+def _is_rink(answers: Sequence[Answer], scene: Scene, config: Config) -> bool:
+    """Whether a field of ice was laid over enough of its paint to be believed, which has a colour of rinks: what then
+    does not calibrate is no light hall. A blurred rink was laid so and refused, and halls took 3 of its 6 s.
+    """
+    is_laid = any(
+        answer.found.template is not None
+        and answer.found.template.ground == "ice"
+        and (answer.candidate.evidence or 0.0) >= LEAST_EVIDENCE
+        and (answer.candidate.explained_share or 0.0) >= LEAST_EXPLAINED
+        for answer in answers
+    )
+    return is_laid and any(map(is_rink_paint, tell_paints(scene.image, config.mask)))
 
 
 def _leave_logos(config: Config, name: str) -> Config:
@@ -234,12 +250,13 @@ def choose_answer(answers: Sequence[Answer]) -> FrameCalibration:
     Returns
     -------
     FrameCalibration
-        Of templates of one sport that explain the picture about as well, the first. Where another sport does, it is
-        refused as ``field_open``. Where none is believed, the first answer of all, refused on strange ground.
+        The one of most weight, of those that weigh alike the first. Where another sport explains the picture about as
+        well, it is refused as ``field_open``. Where none is believed, the first answer of all, refused on strange
+        ground.
     """
     most = max(answer.weight for answer in answers)
     rivals = [answer for answer in answers if answer.weight * RIVAL_RATIO > most]
-    taken = rivals[0] if rivals else answers[0]
+    taken = max(rivals, key=lambda answer: answer.weight) if rivals else answers[0]
     others = sorted((a for a in answers if a is not taken), key=lambda answer: -answer.weight)
     found = replace(taken.found, fields=(taken.candidate, *(answer.candidate for answer in others)))
     is_clear = len({answer.candidate.sport for answer in rivals}) == 1 or (not rivals and taken.is_at_home)

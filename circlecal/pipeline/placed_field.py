@@ -41,8 +41,8 @@ MOST_PLACED, LEAST_PLACED = 6, 0.6
 sports the right one was among the first four, with 0.91 of it at least.
 """
 MOST_OF_SIBLING = 2
-"""So many lead to cameras where a field of other sizes of the sport was laid already: this one lies there too, or is
-not the one that is seen.
+"""So many of each surface lead to cameras where a field of other sizes of the sport was laid already: mostly this one
+lies there too, or is not the one that is seen.
 """
 LEAST_PLACED_EXPLAINED = 0.2
 """So much of the paint a placement must explain to lead to a camera, which takes most of the time: those that led to
@@ -113,6 +113,23 @@ class _Followed:
     answer: _Answer | None
 
 
+@dataclass(frozen=True, slots=True)
+class _Laid:
+    """On which paint a field of a sport was laid, and the most evidence that a camera found for it, picture widths."""
+
+    key: tuple[object, ...]
+    evidence: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """Where a field may be laid: what was seen, its paint, and what times the evidence is asked for there."""
+
+    mask: MarkingMask
+    paint: SeenPaint
+    factor: float
+
+
 def _may_place_field(setting: Setting, first: Attempt) -> bool:
     """Whether any circle of the template may be the one seen, and what is looked for usually did not calibrate."""
     if not (may_be_any_circle(setting, first) and setting.config.camera.enabled):
@@ -128,24 +145,36 @@ def place_template(setting: Setting, scene: Scene, first: Attempt) -> Iterator[A
     markings decides. Where two say alike, the attempt is refused as ``circle_open``. Each surface and polarity is
     searched until one answers.
     """
-    mask, tried, followed = first.mask, set[tuple[object, ...]](), list[_Followed]()
-    # a field of other sizes of the same sport lies where the first one does
+    followed = list[_Followed]()
+    # a field of other sizes of the same sport lies where the first one was laid; on the likeliest other surfaces only
+    # where more speaks for it there than for the first one, which may be laid wrongly
     sport = "laid", setting.template.sport_name
     laid = scene.looks.recall(sport)
+    laid = laid if isinstance(laid, _Laid) else None
+    places = _look_at_surfaces(setting, scene, first.mask)
+    most = MOST_PLACED if laid is None else MOST_OF_SIBLING
+    for place in places if laid is None else sorted(places, key=lambda place: place.paint.key != laid.key):
+        least = 0.0 if laid is None or place.paint.key == laid.key else laid.evidence
+        if least > 0.0 and place.factor > 1.0:
+            continue
+        best = _place_among(setting, scene, place.mask, place.paint, place.factor, most, followed, least)
+        if best is not None:
+            found = [one.answer.weighed.evidence for one in followed if one.answer is not None]
+            scene.looks.keep(sport, _Laid(place.paint.key, max(found, default=0.0)))
+            yield best
+
+
+def _look_at_surfaces(setting: Setting, scene: Scene, mask: MarkingMask | None) -> Iterator[_Place]:
+    """Each surface and polarity on which something may be a circle, the detector's own answer first."""
+    tried = set[tuple[object, ...]]()
     for rank, seen in enumerate(() if mask is None else (mask, *mask.sightings)):
         if not has_circle(seen):
             continue
         with setting.clock("cues"):
             paint = look_for_paint(scene, seen, setting.config, setting.template)
-        if paint is None or paint.key in tried or laid not in (None, paint.key):
-            continue
-        tried.add(paint.key)
-        most = MOST_PLACED if laid is None else MOST_OF_SIBLING
-        factor = 1.0 if rank < LIKELIEST else OTHER_SIGHTING
-        best = _place_among(setting, scene, seen, paint, factor, most, followed)
-        if best is not None:
-            scene.looks.keep(sport, paint.key)
-            yield best
+        if paint is not None and paint.key not in tried:
+            tried.add(paint.key)
+            yield _Place(seen, paint, 1.0 if rank < LIKELIEST else OTHER_SIGHTING)
 
 
 def place_about_rims(setting: Setting, scene: Scene, first: Attempt, rims: Sequence[Array]) -> Attempt | None:
@@ -177,15 +206,16 @@ def _place_among(
     factor: float,
     most: int,
     followed: list[_Followed],
+    least: float = 0.0,
 ) -> Attempt | None:
     """The answer of the field laid over paint of one polarity on one surface; None where none is believed.
 
-    The ``most`` likeliest placements are followed, but for those that were followed before; they are added to
-    ``followed``. An answer needs ``factor`` times the evidence that is usually enough.
+    The ``most`` likeliest placements of more than the ``least`` evidence are followed, but for those that were followed
+    before; they are added to ``followed``. An answer needs ``factor`` times the evidence that is usually enough.
     """
     earlier = [other for other in followed if other.paint.surface is paint.surface]
     with setting.clock("cues"):
-        placements = _find_placements(setting, scene, paint)
+        placements = [placed for placed in _find_placements(setting, scene, paint) if placed.evidence > least]
     now = _follow_likely(setting, scene, mask, paint, placements[:most], earlier)
     followed += now
     return _choose_answer(setting, now, earlier, factor)

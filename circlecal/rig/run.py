@@ -134,8 +134,8 @@ def run_rig(
     config : Config
         The configuration of the run.
     out : path
-        Folder of ``results.jsonl``, ``summary.csv``, ``venue.yaml`` and one prior file per camera; frames that it
-        already holds are skipped.
+        Folder of ``results.jsonl``, ``summary.csv``, ``venue.yaml`` and one prior file per camera, the last two where
+        any camera is found; frames that it already holds are skipped.
     workers : int
         Number of processes that calibrate the frames again.
     cameras : mapping, optional
@@ -187,7 +187,10 @@ def run_rig(
             old.unlink()
         for rig in rigs:
             write_camera(out / f"{rig.name}.yaml", rig, config)
-        write_venue(out / VENUE_NAME, venue_of_rigs(rigs, template.name), template)
+        if rigs:
+            write_venue(out / VENUE_NAME, venue_of_rigs(rigs, template.name), template)
+        else:
+            (out / VENUE_NAME).unlink(missing_ok=True)
     again = (RecordedFrame(record.id, record) for record in read_records(results))
     run_batch(again, task, out, workers=workers, total=len(frames), restart=restart, on_progress=on_progress)
     report = RigReport(rigs, len(frames), sum(f.theta is not None for f in frames), missing=missing)

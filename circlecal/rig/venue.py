@@ -17,8 +17,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from circlecal.camera.options import KnownCamera
 from circlecal.camera.priors import SHARED, ZOOMED, SharedPrior, SharedPriorConfig
+from circlecal.config import AUTO, FieldConfig
 from circlecal.errors import InputError, explain_problem
-from circlecal.field import FieldTemplate
+from circlecal.field import FieldTemplate, field_names
 from circlecal.files import write_atomic
 from circlecal.geometry.camera_parameters import INDEX
 from circlecal.geometry.homography import side_of_place
@@ -267,6 +268,30 @@ def read_venue(path: Path, template: FieldTemplate) -> Venue:
     if content.field != template.name:
         raise InputError(f"{path}: field: is {content.field}, not {template.name}; give its --field")
     return Venue(content.field, tuple(tripod.estimate(template) for tripod in content.tripods), content.paint_bgr)
+
+
+def choose_field(path: Path, chosen: FieldConfig, named: str | None) -> str | None:
+    """The field of a run with a venue: the venue's, where the user named none or asked for ``auto``.
+
+    Parameters
+    ----------
+    path : Path
+        The venue file.
+    chosen : FieldConfig
+        What configuration and single options say of the field.
+    named : str, optional
+        The field that the user named beside them.
+
+    Raises
+    ------
+    InputError
+        Unreadable or damaged.
+    """
+    is_open = chosen.template == AUTO if named is None else named == AUTO
+    if not is_open and (named is not None or chosen.template != FieldConfig().template):
+        return named
+    field = read_venue_file(path).field
+    return field if field in field_names() else named
 
 
 def read_venue_file(path: Path) -> VenueFile:

@@ -48,8 +48,8 @@ class MaskConfig(BaseModel):
 
     source: Literal["auto", "file", "detector", "onnx"] = Field(
         "auto",
-        description="Where the marking comes from; auto takes a given mask, else the built-in detector; onnx runs the "
-        "network of `model`.",
+        description="Where the marking comes from; auto takes a given mask, else the built-in detector, also where a "
+        "court or a rink is refused with its mask; onnx runs the network of `model`.",
     )
     model: str | None = Field(None, description="ONNX file of a segmentation network, for the source onnx.")
     network: SegmentationNetwork = Field(SegmentationNetwork(), description="What that network takes and gives.")

@@ -8,12 +8,11 @@ from pathlib import Path
 
 from circlecal.api import Calibration
 from circlecal.api.calls import Settings, configure, open_video
-from circlecal.config import AUTO, Config
-from circlecal.errors import ConfigError
+from circlecal.config import Config
 from circlecal.field import FieldTemplate
 from circlecal.pictures.video import Sampling, Video
 from circlecal.pipeline import field_of
-from circlecal.rig.venue import read_venue
+from circlecal.rig.venue import choose_field, read_venue
 from circlecal.tracking.field_of_clip import name_field
 from circlecal.tracking.stretches import DEFAULT_EVERY, ClipRun, track_video
 
@@ -48,7 +47,8 @@ def track(
     start, end : str or float, optional
         Times in the video: seconds, ``"1:30"`` or ``"0:01:30.5"``; a frame at ``end`` itself is left out.
     venue : path, optional
-        Cameras and pitch that are known: the ``venue.yaml`` of an earlier run.
+        Cameras and pitch that are known: the ``venue.yaml`` of an earlier run. It names the field, where nothing else
+        does.
     annotations : path, optional
         Folder of what was named in the workbench.
 
@@ -69,8 +69,9 @@ def track(
     video = open_video(path, chosen)
     if venue is None:
         chosen = name_field([video], sampling, chosen)
-    elif chosen.field.template == AUTO:
-        raise ConfigError("field auto goes without a venue; name the field")
+    else:
+        unnamed = configure(config, None, set).field
+        chosen = configure(config, choose_field(Path(venue), unnamed, None if field is None else str(field)), set)
     template, _ = field_of(chosen)
     known = None if venue is None else read_venue(Path(venue), template)
     named = None if annotations is None else Path(annotations)

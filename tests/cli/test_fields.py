@@ -58,5 +58,16 @@ def test_a_template_of_ones_own_is_checked(tmp_path, run_circlecal):
     assert {row[0] for row in rows[2:]} == {"mine", "soccer"}
     mine.write_text("name: mine")
     assert run_circlecal("fields", mine).code == 2
+
+
+def test_all_missing_keys_of_a_template_are_listed_at_once(tmp_path, run_circlecal):
+    mine = tmp_path / "mine.yaml"
+    mine.write_text("name: mine\nsizes: {length: 10}\n")
+    told = run_circlecal("fields", mine).err
+    for part in ("title", "length_m", "default_circle", "halfway_line (a line's name, or null)", "circles are missing"):
+        assert part in told
+    text = (field_folder() / "futsal.yaml").read_text()
+    mine.write_text("\n".join(line for line in text.splitlines() if not line.startswith("halfway_line:")))
+    assert "mine.yaml: halfway_line (a line's name, or null) is missing" in run_circlecal("fields", mine).err
     assert run_circlecal("fields", "--draw", tmp_path / "drawn", "futsal").code == 0
     assert [path.name for path in (tmp_path / "drawn").iterdir()] == ["futsal.png"]

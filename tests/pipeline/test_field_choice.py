@@ -57,10 +57,13 @@ def test_two_sports_that_explain_it_alike_are_refused_with_both():
     assert {"futsal", "handball"} <= {candidate.template for candidate in found.fields}
 
 
-def test_of_one_sport_the_usual_sizes_are_taken_where_others_fit_alike():
-    found = choose_answer([answer("soccer"), answer("basketball", 0.9), answer("basketball-nba", 1.0)])
-    assert (found.status, found.field_name) == ("calibrated", "basketball")
-    assert found.fields[1].template == "basketball-nba"
+@pytest.mark.parametrize(("usual", "other", "taken"), [(0.774, 1.015, 1), (1.123, 0.95, 0), (1.0, 1.0, 0)])
+def test_of_one_sport_the_sizes_that_explain_most_are_taken(usual, other, taken):
+    """A rendered NBA court weighs 1.015, that of another league laid over it 0.774."""
+    names = "basketball", "basketball-nba"
+    found = choose_answer([answer("soccer"), answer(names[0], usual), answer(names[1], other)])
+    assert (found.status, found.field_name) == ("calibrated", names[taken])
+    assert found.fields[1].template == names[1 - taken]
 
 
 def test_a_court_on_what_looks_like_ice_must_explain_more_of_the_paint(monkeypatch):
@@ -80,6 +83,32 @@ def test_a_court_on_what_looks_like_ice_must_explain_more_of_the_paint(monkeypat
         picture = np.full((*SIZE[::-1], 3), bgr, np.uint8)
         status[ground] = calibrate_unknown_field(picture, among, frame_id="x").status
     assert status == {"ice": "refused", "wood": "calibrated"}
+
+
+@pytest.mark.parametrize(
+    ("evidence", "paint", "halls"),
+    [(0.43, (20.0, -60.0, -70.0), 0), (0.2, (20.0, -60.0, -70.0), 1), (0.43, (60.0,) * 3, 1)],
+)
+def test_no_hall_is_tried_where_a_rink_is_seen_that_does_not_calibrate(monkeypatch, evidence, paint, halls):
+    tried = []
+
+    def calibrate(image, config, **_):
+        tried.append(config.field.template)
+        return answer(config.field.template).found
+
+    def weigh(image, config, found):
+        seen = answer(found.field_name)
+        laid = evidence if found.field_name == "ice-hockey-nhl" else None
+        return replace(seen, candidate=replace(seen.candidate, evidence=laid, explained_share=0.38))
+
+    monkeypatch.setattr(field_choice, "run", calibrate)
+    monkeypatch.setattr(field_choice, "_weigh", weigh)
+    monkeypatch.setattr(field_choice, "tell_paints", lambda *_: (np.array(paint),))
+    among = ["soccer", "ice-hockey-nhl", "basketball"]
+    config = load_config(None, {"field.template": "auto", "field.among": among})
+    ice = np.full((*SIZE[::-1], 3), (228, 225, 220), np.uint8)
+    assert calibrate_unknown_field(ice, config, frame_id="x").status == "refused"
+    assert tried == among[: 2 + halls]
 
 
 def test_what_leaves_more_paint_unexplained_gives_way():

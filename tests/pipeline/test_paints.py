@@ -15,7 +15,7 @@ from circlecal.paint.brightness import brightness_of_paint
 from circlecal.pipeline import paints as module
 from circlecal.pipeline import run
 from circlecal.records.writing import result_record
-from circlecal.results import LikelySport
+from circlecal.results import Attempt, FieldCandidate, FrameCalibration, LikelySport, Verdict
 from circlecal.synthetic.floors import (
     BLACK,
     BLUE,
@@ -29,7 +29,7 @@ from circlecal.synthetic.floors import (
     volleyball_lines,
 )
 from circlecal.synthetic.renderer import render
-from circlecal.synthetic.sampling import sample_scene
+from circlecal.synthetic.sampling import render_frame, sample_scene
 from circlecal.synthetic.scene import ExtraPaint
 
 INKS = (WHITE, YELLOW, RED, BLUE, BLACK, GREEN)
@@ -136,6 +136,73 @@ def test_what_the_brightness_shows_alone_is_not_looked_at_again(monkeypatch, pai
     picture = np.zeros((36, 64, 3), np.uint8)
     first = SimpleNamespace(template=load_field("futsal"))
     assert len(module._find_likely_paints(picture, first, load_config("futsal"))) == count == len(looked)
+
+
+@pytest.mark.parametrize(
+    ("evidence", "by_colour", "taken"),
+    [(0.43, 1.7, "basketball-nba"), (0.43, 0.3, "basketball-ncaa"), (0.86, 1.7, "basketball-ncaa")],
+    ids=["little is painted", "less by colour", "enough is painted"],
+)
+def test_colours_are_looked_at_before_a_league_that_little_speaks_for_is_believed(
+    monkeypatch, evidence, by_colour, taken
+):
+    """A rendered NBA court was taken for another league's with 0.43 picture widths of its markings."""
+    config, paint = load_config(None, {"field.template": "auto"}), np.array([60.0, 61.0, 70.0])
+
+    def answer(name, evidence):
+        seen = FieldCandidate(name, "basketball", "calibrated", None, evidence, 0.6, 0.8)
+        attempt = Attempt(verdict=Verdict("calibrated", None, None, None))
+        found = FrameCalibration("x", 64, 36, name, "centre_circle", attempt, 0, "", template=load_field(name))
+        return replace(found, fields=(seen,), paint_bgr=tuple(paint))
+
+    monkeypatch.setattr(module, "_may_have_paints", lambda *_: True)
+    monkeypatch.setattr(module, "_find_likely_paints", lambda *_: [(paint, config.mask)])
+    first, other = answer("basketball-ncaa", evidence), answer("basketball-nba", by_colour)
+    found = module.calibrate_by_paint(np.zeros((36, 64, 3), np.uint8), config, first, lambda _: other)
+    assert found.field_name == taken
+
+
+@pytest.mark.parametrize(
+    ("field", "shown", "code", "settings", "sees"),
+    [
+        ("basketball-nba", None, None, [], True),
+        ("ice-hockey-nhl", None, None, [], True),
+        ("ice-hockey-nhl", None, "circle_open", [], True),
+        ("ice-hockey-nhl", None, "no_circle_found", [], False),
+        ("curling", None, None, [], True),
+        ("soccer", None, None, [], False),
+        ("auto", "basketball-nba", None, [], True),
+        ("auto", "soccer", None, [], False),
+        ("basketball-nba", None, None, ["mask.source=file"], False),
+    ],
+)
+def test_a_court_that_is_refused_with_its_mask_is_looked_at_without(monkeypatch, field, shown, code, settings, sees):
+    """A mask tells no other circle of a field than one, and neither discs nor further markings; soccer's answers with
+    masks stay.
+    """
+    config = load_config(None, [f"field.template={field}", *settings])
+
+    def calibrate(image, chosen, *, mask, **_):
+        seen = Verdict("refused" if code else "calibrated", code, None, None)
+        verdict = seen if mask is None else Verdict("refused", "few_points", None, "mask")
+        name = shown or field
+        template = load_field(name)
+        return FrameCalibration("x", 64, 36, name, template.default_circle, Attempt(verdict=verdict), 0, "")
+
+    monkeypatch.setattr(module, "run", calibrate)
+    monkeypatch.setattr(module, "calibrate_unknown_field", calibrate)
+    picture = np.zeros((36, 64, 3), np.uint8)
+    found = module.calibrate_image(picture, config, mask=picture[..., 0], frame_id="x")
+    assert found.verdict.code == (code if sees else "few_points")
+
+
+@pytest.mark.parametrize(("profile", "field", "seed"), [("court", "basketball-nba", 2), ("rink", "ice-hockey-nhl", 0)])
+def test_a_rendered_court_and_rink_calibrate_beside_their_masks(profile, field, seed):
+    rendering = render_frame(profile, np.random.default_rng(seed), 960, 540)
+    config = load_config(None, [f"field.template={field}"])
+    assert run(rendering.image, config, mask=rendering.truth.classes, frame_id="x").status == "refused"
+    found = module.calibrate_image(rendering.image, config, mask=rendering.truth.classes, frame_id="x")
+    assert (found.status, found.attempt.mask.source) == ("calibrated", "detector")
 
 
 def test_a_sport_in_several_paints_is_not_looked_for_in_one():

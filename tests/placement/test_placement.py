@@ -446,6 +446,26 @@ def test_each_surface_and_polarity_is_searched_until_one_answers(monkeypatch):
     assert (first.circle_name, tried) == ("centre_circle", [(1.0, 1.0), (1.0, 1.0), (-1.0, OTHER_SIGHTING)])
 
 
+def test_a_league_is_laid_on_another_surface_than_the_first_one_that_was_laid_wrongly(monkeypatch):
+    """On a rendered NBA court the sizes of FIBA were laid on one surface, where those of the NBA are refused."""
+    config = load_config(None, ["field.template=basketball-nba"])
+    setting = frame.Setting(config, *field_of(config), *SIZE, np.random.default_rng(0))
+    gray, tried = np.zeros(SIZE[::-1], np.uint8), []
+    masks = tuple(MarkingMask(gray, "detector", np.eye(3), polarity=float(k)) for k in range(3))
+    monkeypatch.setattr(placed_field, "look_for_paint", lambda _, mask, *__: Paint(str(mask.polarity)))
+
+    def place(_, __, mask, ___, ____, _____, ______, least):
+        tried.append((mask.polarity, least))
+        return Attempt(circle_name="centre_circle") if mask.polarity == 2.0 else None
+
+    monkeypatch.setattr(placed_field, "_place_among", place)
+    scene = frame.Scene(np.zeros((*SIZE[::-1], 3), np.uint8), gray, None, None, None)
+    scene.looks.keep(("laid", setting.template.sport_name), placed_field._Laid(Paint("1.0").key, 1.36))
+    first = Attempt(mask=replace(masks[0], sightings=(masks[2], masks[1])))
+    assert [found.circle_name for found in placed_field.place_template(setting, scene, first)] == ["centre_circle"]
+    assert tried == [(1.0, 0.0), (0.0, 1.36), (2.0, 1.36)]
+
+
 def test_what_was_seen_alike_before_is_not_searched_again(monkeypatch):
     config = load_config(None, ["field.template=basketball-nba"])
     setting = frame.Setting(config, *field_of(config), *SIZE, np.random.default_rng(0))
@@ -654,7 +674,7 @@ def test_a_field_of_other_sizes_is_laid_where_the_first_of_its_sport_lies(monkey
     scene = frame.Scene(np.zeros((*SIZE[::-1], 3), np.uint8), gray, None, None, None)
     monkeypatch.setattr(placed_field, "look_for_paint", lambda _, mask, *__: Paint(str(mask.polarity)))
 
-    def answer_dark(setting, _, mask, __, ___, most, ____):
+    def answer_dark(setting, _, mask, __, ___, most, *____):
         tried.append((setting.template.name, mask.polarity, most))
         return Attempt() if mask.polarity < 0 else None
 

@@ -182,7 +182,8 @@ def test_command_prints_cameras_and_counts(command, run_circlecal, results, tmp_
     (tmp_path / "none" / "results.jsonl").write_text((results / "results.jsonl").read_text().splitlines()[-1] + "\n")
     outcome = run_circlecal("rig", tmp_path / "none", "--out", tmp_path / "out2", *SETTINGS)
     assert outcome.code == 1
-    assert "no camera was found" in outcome.out
+    assert "no camera was found" in outcome.out and "no venue.yaml" in outcome.out
+    assert not (tmp_path / "out2" / "venue.yaml").exists()
 
 
 def test_given_cameras(run_circlecal, results, tmp_path):

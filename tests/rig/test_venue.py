@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 import yaml
 
+from circlecal.cli.options import choose_config
 from circlecal.config import load_config
 from circlecal.errors import InputError
 from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import theta_of
 from circlecal.rig.tripod import COMMON, PLACE, PaintersShare, Venue
-from circlecal.rig.venue import prior_of_tripod, read_venue, read_venue_file, venue_settings, write_venue
+from circlecal.rig.venue import choose_field, prior_of_tripod, read_venue, read_venue_file, venue_settings, write_venue
 from tests.tracking.scripted import tripod
 
 SOCCER = load_field("soccer")
@@ -134,6 +135,32 @@ def test_a_correlation_must_be_one(file):
     file.write_text(f"{head}  correlation:\n  - [1.0]\n  - [1.0, -1.0]\n{''.join(rows[2:])}")
     with pytest.raises(InputError, match="negative eigenvalue"):
         read_venue(file, SOCCER)
+
+
+@pytest.mark.parametrize(
+    ("settings", "named", "chosen"),
+    [
+        ([], None, "ice-hockey-nhl"),
+        ([], "auto", "ice-hockey-nhl"),
+        (["field.template=auto"], None, "ice-hockey-nhl"),
+        ([], "futsal", "futsal"),
+        (["field.template=futsal"], None, None),
+    ],
+)
+def test_a_venue_names_the_field_where_the_user_does_not(tmp_path, settings, named, chosen):
+    path, rink = tmp_path / "venue.yaml", load_field("ice-hockey-nhl")
+    write_venue(path, Venue(rink.name, (tripod(),)), rink)
+    assert choose_field(path, load_config(None, settings).field, named) == chosen
+    if not settings and named != "futsal":
+        config = choose_config(None, None, named, venue=path, tells_field=True)
+        assert config.field.template == "ice-hockey-nhl"
+        assert config.camera.position_m is not None
+
+
+def test_a_venue_of_a_field_of_ones_own_asks_for_its_file(tmp_path):
+    write_venue(tmp_path / "venue.yaml", Venue("mine", (tripod(),)), SOCCER)
+    with pytest.raises(InputError, match="field: is mine, not soccer; give its --field"):
+        choose_config(None, None, "auto", venue=tmp_path / "venue.yaml", tells_field=True)
 
 
 def test_an_empty_venue_is_no_prior(tmp_path):

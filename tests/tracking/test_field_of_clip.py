@@ -7,8 +7,11 @@ import pytest
 import circlecal
 from circlecal.config import load_config
 from circlecal.errors import ConfigError
+from circlecal.field import load_field
 from circlecal.pictures.video import Sampling, Video
-from circlecal.tracking import field_of_clip
+from circlecal.rig.tripod import Venue
+from circlecal.rig.venue import write_venue
+from circlecal.tracking import calls, field_of_clip
 from tests.tracking import scripted
 
 UNKNOWN = load_config(None, ["field.template=auto"])
@@ -51,6 +54,16 @@ def test_a_field_that_is_named_stays_and_no_frame_is_looked_at(clip, tell):
     assert not looked_at
 
 
+@pytest.mark.parametrize("field", [None, "auto"])
+def test_a_venue_names_the_field_and_no_frame_is_looked_at(clip, tell, tmp_path, monkeypatch, field):
+    looked_at, rink = tell("futsal"), load_field("ice-hockey-nhl")
+    write_venue(tmp_path / "venue.yaml", Venue(rink.name, (scripted.tripod(),)), rink)
+    runs = []
+    monkeypatch.setattr(calls, "track_video", lambda run, *_: runs.append(run) or [])
+    list(circlecal.track(clip, field=field, venue=tmp_path / "venue.yaml"))
+    assert (runs[0].config.field.template, looked_at) == (rink.name, [])
+
+
 def test_frames_that_do_not_agree_are_one_line_with_what_they_told(clip, tell):
     looked_at = tell("futsal", "handball", None, None, None, None)
     with pytest.raises(ConfigError, match=r"\(futsal in 2, handball in 2\); name it, e\.g\. --field futsal"):
@@ -58,15 +71,10 @@ def test_frames_that_do_not_agree_are_one_line_with_what_they_told(clip, tell):
     assert len(looked_at) == field_of_clip.MOST_LOOKED_AT
 
 
-def test_commands_and_calls_name_it_first_and_never_beside_a_venue(clip, tell, tmp_path, run_circlecal):
+def test_commands_and_calls_name_it_first(clip, tell, tmp_path, run_circlecal):
     tell(None)
-    for outcome in (
-        run_circlecal("track", clip, "--out", tmp_path / "out", "--field", "auto"),
-        run_circlecal("track", clip, "--out", tmp_path / "out", "--field", "auto", "--venue", tmp_path / "v.yaml"),
-    ):
-        assert outcome.code == 2 and "--field" in outcome.err and len(outcome.err.strip().splitlines()) == 1
+    outcome = run_circlecal("track", clip, "--out", tmp_path / "out", "--field", "auto")
+    assert outcome.code == 2 and "--field" in outcome.err and len(outcome.err.strip().splitlines()) == 1
     assert not (tmp_path / "out").exists()
     with pytest.raises(ConfigError, match="name it"):
         circlecal.track(clip, field="auto")
-    with pytest.raises(ConfigError, match="without a venue"):
-        circlecal.track(clip, field="auto", venue=tmp_path / "v.yaml")
