@@ -13,7 +13,7 @@ from circlecal.field import FieldTemplate
 from circlecal.field.view import FieldView
 from circlecal.geometry.projective import Array, Mask
 from circlecal.placement.camera_batch import Pixels
-from circlecal.placement.paint_maps import COLOURS, DIRECTIONS, SeenPaint
+from circlecal.placement.paint_maps import COLOURS, DIRECTIONS, RidgeMaps, SeenPaint
 
 FINE_SHARE = 0.006
 """Distance from a ridge at which a marking is not explained by it any more, picture widths."""
@@ -137,33 +137,29 @@ def sample_outlines(pixels: Pixels, ahead: Mask, colours: NDArray[np.intp], regi
     return OutlineSamples((colours[:, None] * DIRECTIONS + direction) * region.size + place, length, tangents)
 
 
-def weigh_samples(
-    samples: OutlineSamples, distance: NDArray[np.float32], is_optional: Mask, reach: float
-) -> tuple[Array, Array]:
+def weigh_samples(samples: OutlineSamples, maps: RidgeMaps, is_optional: Mask, reach: float) -> tuple[Array, Array]:
     """Length of markings on ridges beyond break-even (B,), pixels, and share (B,) of what is in view on ridges.
 
     Parameters
     ----------
     samples : OutlineSamples
         Places along the markings.
-    distance : (C, D, h, w) float32
-        Distance of the nearest ridge, pixels.
+    maps : RidgeMaps
+        Ridges of the searched picture.
     is_optional : (K,) array of bool
         Which markings count only where they show as a line.
     reach : float
         Distance at which a ridge does not explain a marking any more, pixels.
     """
-    total, found = (part.sum(axis=1) for part in _measure_markings(samples, distance, is_optional, reach))
+    total, found = (part.sum(axis=1) for part in _measure_markings(samples, maps, is_optional, reach))
     return found - BREAK_EVEN * total, found / np.maximum(total, 1e-9)
 
 
-def _measure_markings(
-    samples: OutlineSamples, distance: NDArray[np.float32], is_optional: Mask, reach: float
-) -> tuple[Array, Array]:
+def _measure_markings(samples: OutlineSamples, maps: RidgeMaps, is_optional: Mask, reach: float) -> tuple[Array, Array]:
     """Length of each marking in view (B, K), pixels, and that of what lies on ridges; none of those that may show no
     line, and do not.
     """
-    explained = distance.ravel().take(samples.cell)
+    explained = maps.distance(samples.cell)
     explained *= np.float32(-1.0 / reach)
     explained += 1.0
     np.maximum(explained, 0.0, out=explained)
@@ -204,8 +200,8 @@ def weigh_view(view: FieldView, template: FieldTemplate, paint: SeenPaint) -> Vi
     outlines = Outlines.of(template)
     pixels, ahead = _show_outlines(view, template, outlines, maps.scaling)
     samples, surface_share = _sample_on_surface(pixels, ahead, outlines, maps.region)
-    score, share = weigh_samples(samples, maps.distance, outlines.is_optional, reach)
-    total, found = (part[0] for part in _measure_markings(samples, maps.distance, outlines.is_optional, reach))
+    score, share = weigh_samples(samples, maps, outlines.is_optional, reach)
+    total, found = (part[0] for part in _measure_markings(samples, maps, outlines.is_optional, reach))
     return ViewEvidence(
         float(score[0]) / maps.width,
         float(share[0]),

@@ -70,12 +70,12 @@ def _compare_markings(
     count = len(cameras)
     outlined = seen.pixels.reshape(2, count, *shape)
     samples = sample_outlines(outlined, seen.ahead.reshape(count, *shape), outlines.colours, maps.region)
-    distance = maps.distance.ravel().take(samples.cell)
+    distance = maps.distance(samples.cell)
     trust = np.where(distance < reach, (1 - (distance / np.float32(reach)) ** 2), np.float32(0.0))
     weights = trust * np.sqrt(samples.length / np.float32(FULL_LENGTH_PX)) / np.float32(RIDGE_PX + REACH_SHARE * reach)
     normals = (samples.normals * weights).reshape(2, count, -1)
-    places = np.moveaxis(maps.places[maps.label.ravel().take(samples.cell)], -1, 0).reshape(2, count, -1)
-    beside = np.einsum("xbp,xbp->bp", places.astype(np.float32) - seen.pixels, normals)
+    places = np.moveaxis(maps.nearest(samples.cell), -1, 0).reshape(2, count, -1)
+    beside = np.einsum("xbp,xbp->bp", places - seen.pixels, normals)
     return beside, -seen.derive(cameras, normals)
 
 

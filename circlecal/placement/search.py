@@ -163,7 +163,7 @@ def _weigh_cameras(
         shown = part.project(outlines.nodes.reshape(-1, 2))
         pixels, ahead = shown.pixels.reshape(2, *shape), shown.ahead.reshape(shape)
         samples = sample_outlines(pixels, ahead, outlines.colours, seen[0].region)
-        weights.append([weigh_samples(samples, maps.distance, outlines.is_optional, reach) for maps in seen])
+        weights.append([weigh_samples(samples, maps, outlines.is_optional, reach) for maps in seen])
     of_maps = [zip(*of_one, strict=True) for of_one in zip(*weights, strict=True)]
     return [(np.concatenate(scores), np.concatenate(shares)) for scores, shares in of_maps]
 

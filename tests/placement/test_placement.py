@@ -41,6 +41,7 @@ from circlecal.placement import (
     weigh_view,
 )
 from circlecal.placement.camera_batch import cameras_before_circles
+from circlecal.placement.paint_maps import STEPS_PER_PX
 from circlecal.records.writing import result_record
 from circlecal.results import Attempt, CameraFit, CircleCandidate, Cues, MarkCue, MarkingMask, PaintersFit, Verdict
 from circlecal.stages import camera as camera_stage
@@ -589,7 +590,7 @@ def test_the_rim_of_a_logo_is_paint_in_the_place_of_the_circles():
     assert np.abs(sampson_distance(seen.conics[0], more)).max() < 3.0
     assert seen.is_structure[len(paint.surface.ridges) :].all()
     x, y = np.rint(seen.maps.scaling.reduce(np.array([[320.0, 120.0]]))[0]).astype(int)
-    here, there = (found.maps.distance[0].min(axis=0)[y, x] for found in (seen, paint))
+    here, there = (found.maps.steps[0].min(axis=0)[y, x] / STEPS_PER_PX for found in (seen, paint))
     assert here < 3.0 < 20.0 < there
 
 
