@@ -129,11 +129,11 @@ def sample_outlines(pixels: Pixels, ahead: Mask, colours: NDArray[np.intp], regi
     rows, columns = region.shape
     across, down = pixels
     inside = ahead & (across >= 0) & (across <= columns - 1) & (down >= 0) & (down <= rows - 1)
-    x, y = (np.rint(np.where(inside, at, np.float32(0.0))).astype(np.intp) for at in (across, down))
-    place = y * columns + x
+    x, y = (np.rint(np.where(inside, at, np.float32(0.0))).astype(np.int32) for at in (across, down))
+    place = (y * columns + x).astype(np.intp)
     length *= inside & region.ravel().take(place)
     turn = np.arctan2(along_x, -along_y) * np.float32(DIRECTIONS / np.pi)  # of the normal
-    direction = np.floor(turn).astype(np.intp) % DIRECTIONS
+    direction = np.floor(turn).astype(np.int32) & (DIRECTIONS - 1)  # a power of two, far quicker than a remainder
     return OutlineSamples((colours[:, None] * DIRECTIONS + direction) * region.size + place, length, tangents)
 
 
@@ -163,7 +163,8 @@ def _measure_markings(samples: OutlineSamples, maps: RidgeMaps, is_optional: Mas
     explained *= np.float32(-1.0 / reach)
     explained += 1.0
     np.maximum(explained, 0.0, out=explained)
-    total, found = samples.length.sum(axis=2, dtype=np.float64), np.einsum("bkn,bkn->bk", samples.length, explained)
+    total = np.einsum("bkn->bk", samples.length, dtype=np.float64)
+    found = np.einsum("bkn,bkn->bk", samples.length, explained)
     is_left_out = is_optional & (found < BREAK_EVEN * total)
     return np.where(is_left_out, 0.0, total), np.where(is_left_out, 0.0, found)
 

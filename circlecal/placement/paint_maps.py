@@ -18,7 +18,7 @@ from circlecal.geometry.projective import Array, Mask
 from circlecal.results import MarkingMask
 
 DIRECTIONS = 8
-"""Maps of ridges by direction; a ridge is in the map of its own and of both neighbouring ones."""
+"""Maps of ridges by direction, a power of two; a ridge is in the map of its own and of both neighbouring ones."""
 COLOURS = ("any", "blue", "other than blue")
 """Of ridges that are told apart. Pictures hold colours at half their resolution, so thin red paint looks gray (in three
 rinks blue stood out by 24 to 48 levels on wide blue lines, red by 1 to 11 on circles of 2 in).
