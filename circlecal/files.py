@@ -14,7 +14,7 @@ import hashlib
 import os
 import stat
 import tempfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 
 from circlecal.errors import InputError, OutputError
@@ -225,6 +225,18 @@ def list_folder(folder: Path) -> list[Path]:
         return sorted(folder.iterdir(), key=lambda entry: entry.name)
     except OSError as error:
         raise _unreadable(folder, error) from error
+
+
+def find_files(folder: Path, suffixes: Collection[str]) -> list[Path]:
+    """Files of some suffixes in a folder and in those below it, in the order of their paths.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be read.
+    """
+    list_folder(folder)  # one that cannot be read would seem to be empty
+    return sorted(path for path in folder.rglob("*") if path.suffix in suffixes and is_file(path))
 
 
 def _mode(path: Path) -> int | None:

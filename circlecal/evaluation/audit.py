@@ -15,7 +15,7 @@ import numpy as np
 
 from circlecal.config import Config
 from circlecal.errors import InputError
-from circlecal.files import is_folder, list_folder
+from circlecal.files import find_files, is_folder
 from circlecal.formats.cameras import Size
 from circlecal.formats.format import Content
 from circlecal.formats.meaning import observe
@@ -71,9 +71,7 @@ def read_keypoints(path: Path, size: Size) -> list[AnnotatedFrame]:
     InputError
         Nothing there, or a file that is no prediction.
     """
-    if is_folder(path):
-        list_folder(path)  # one that cannot be read would seem to be empty
-    files = sorted(path.rglob("*.json")) if is_folder(path) else [path]
+    files = find_files(path, (".json",)) if is_folder(path) else [path]
     if not files:
         raise InputError(f"{path}: holds no keypoint file (<id>.json)")
     return [frame for file in files for frame in _read_file(file, size)]

@@ -13,7 +13,7 @@ from circlecal.errors import InputError
 from circlecal.evaluation.soccernet_metric import CLASSES, MetricCamera, PlaneHomography, Projector
 from circlecal.field import load_field
 from circlecal.field.view import FieldView
-from circlecal.files import is_file, is_folder, list_folder
+from circlecal.files import find_files, is_folder
 from circlecal.formats import soccernet, soccernet_camera
 from circlecal.formats.cameras import CalibratedFrame, CameraFrame, Size
 from circlecal.formats.format import (
@@ -160,8 +160,7 @@ def read_predictions(folder: Path, size: Size, given_size: Size | None = None) -
 def _files(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
     if not is_folder(folder):
         raise InputError(f"{folder}: is no folder; give one with a file per frame")
-    list_folder(folder)  # one that cannot be read would seem to be empty
-    return sorted(path for path in folder.rglob("*") if path.suffix in suffixes and is_file(path))
+    return find_files(folder, suffixes)
 
 
 def _logs(folder: Path) -> list[Path]:

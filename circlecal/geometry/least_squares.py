@@ -165,6 +165,50 @@ class Problem(Protocol[S]):
         """All starts after a step in the linear model: nothing is evaluated."""
 
 
+class OneStart:
+    """Mix-in of states that stand for a single start."""
+
+    __slots__ = ()
+
+    def select(self, index: Indices | Mask) -> Self:
+        """The only start."""
+        return self
+
+    def put(self, index: Indices, other: Self) -> Self:
+        """The other state, where the only start is at the index."""
+        return other if len(index) else self
+
+
+@dataclass(frozen=True, slots=True)
+class Arrow:
+    """Normal equations of F frames that share parameters: no frame's own ones meet another's.
+
+    Attributes
+    ----------
+    H_oo, H_oc, H_cc : (F, O, O), (F, O, K), (K, K) arrays
+        Gauss-Newton blocks of the frames' own parameters, of these with the common ones, and of the common ones.
+    g_o, g_c : (F, O), (K,) arrays
+        Half the gradient of the cost.
+    """
+
+    H_oo: Array
+    H_oc: Array
+    H_cc: Array
+    g_o: Array
+    g_c: Array
+
+    def step(self, own: Array, common: Array, own_change: Array, change: Array) -> Step:
+        """The step of a single start from own (F, O) and common parameters (K,), one after the other, by changes of
+        both; it promises ``-(2 g^T d + d^T N d)``, block by block.
+        """
+        slope = float((self.g_o * own_change).sum() + self.g_c @ change)
+        bend = np.einsum("fo,fop,fp->", own_change, self.H_oo, own_change) + change @ self.H_cc @ change
+        bend += 2.0 * np.einsum("fo,foc,c->", own_change, self.H_oc, change)
+        full = np.concatenate([own_change.ravel(), change])
+        promise = np.array([-2.0 * slope - float(bend)])
+        return Step((np.concatenate([own.ravel(), common]) + full)[None], full[None], promise, promise)
+
+
 @dataclass(frozen=True, slots=True)
 class NormalState(Batch):
     """Parameters (B, P), costs (B,), half their gradients (B, Q) and Gauss-Newton matrices (B, Q, Q) of B starts.

@@ -21,14 +21,14 @@ from circlecal.paint.brightness import brightness_of_paint
 from circlecal.pipeline.attempts import refuse_as_open
 from circlecal.pipeline.field_paint import look_for_paint, recall_evidence
 from circlecal.pipeline.fields import field_of
-from circlecal.pipeline.likely_sport import Trial, is_rink_paint, tell_sport
+from circlecal.pipeline.likely_sport import Trial, shows_rink_paint, tell_sport
 from circlecal.pipeline.placed_field import EXPLAINED_EVIDENCE as PLACED_EVIDENCE
 from circlecal.pipeline.placed_field import EXPLAINED_SHARE as PLACED_SHARE
 from circlecal.pipeline.run import run
 from circlecal.pipeline.setting import Looks, Scene
 from circlecal.placement import ViewEvidence, weigh_view
 from circlecal.results import FieldCandidate, FrameCalibration
-from circlecal.stages.mask import tell_grounds, tell_paints
+from circlecal.stages.mask import tell_grounds
 from circlecal.stages.verdict_on_picture import is_beyond_doubt, needs_confirmation
 
 LEAST_EVIDENCE = 0.3
@@ -54,8 +54,8 @@ court laid into a rink explained 0.36.
 STRANGE_GROUND = 0.5
 """What evidence counts for a field on ground of another colour than its own."""
 RIVAL_RATIO = 1.35
-"""By how much the evidence for a field must exceed that for another one; of two London frames the right basketball
-court had 0.76 of another league's at worst, and other sports have at most half.
+"""By how much the weight of a field must exceed that of another sport's, which on two London frames of basketball is
+at most half of it.
 """
 
 
@@ -153,14 +153,8 @@ def _is_rink(answers: Sequence[Answer], scene: Scene, config: Config) -> bool:
     """Whether a field of ice was laid over enough of its paint to be believed, which has a colour of rinks: what then
     does not calibrate is no light hall. A blurred rink was laid so and refused, and halls took 3 of its 6 s.
     """
-    is_laid = any(
-        answer.found.template is not None
-        and answer.found.template.ground == "ice"
-        and (answer.candidate.evidence or 0.0) >= LEAST_EVIDENCE
-        and (answer.candidate.explained_share or 0.0) >= LEAST_EXPLAINED
-        for answer in answers
-    )
-    return is_laid and any(map(is_rink_paint, tell_paints(scene.image, config.mask)))
+    on_ice = [a for a in answers if a.found.template is not None and a.found.template.ground == "ice"]
+    return any(answer.is_painted for answer in on_ice) and shows_rink_paint(scene.image, config)
 
 
 def _leave_logos(config: Config, name: str) -> Config:
@@ -219,15 +213,20 @@ class Answer:
     least_explained: float = LEAST_EXPLAINED
 
     @property
+    def is_painted(self) -> bool:
+        """Whether enough of its markings is painted, and enough of what is painted is its markings."""
+        evidence, share = self.candidate.evidence or 0.0, self.candidate.explained_share or 0.0
+        return evidence >= LEAST_EVIDENCE and share >= self.least_explained
+
+    @property
     def weight(self) -> float:
         """Evidence, picture widths, times the share of the paint that is explained; 0 where it is not believed."""
         evidence, share = self.candidate.evidence or 0.0, self.candidate.explained_share or 0.0
-        is_painted = evidence >= LEAST_EVIDENCE and share >= self.least_explained
         least = 0.0 if share >= EXPLAINED_SHARE else PLACED_EVIDENCE
-        is_believed = is_painted or (evidence > least and share >= PLACED_SHARE)
+        is_believed = self.is_painted or (evidence > least and share >= PLACED_SHARE)
         if self.found.status != "calibrated" or not is_believed:
             return 0.0
-        return evidence * share * (1.0 if self.is_at_home else STRANGE_GROUND)
+        return self.candidate.explained_evidence * (1.0 if self.is_at_home else STRANGE_GROUND)
 
     @property
     def is_settled(self) -> bool:

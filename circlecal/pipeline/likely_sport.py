@@ -87,7 +87,7 @@ def tell_sport(
     scores: dict[str, float] = {}
     circles = [_paint_share(trial.found) for trial in trials]
     first = next((circle for circle in circles if circle is not None), None)
-    has_rink_paint = grounds[0] == "ice" and any(map(is_rink_paint, tell_paints(image, config.mask)))
+    has_rink_paint = grounds[0] == "ice" and shows_rink_paint(image, config)
     for trial, circle in zip(trials, circles, strict=True):
         template = trial.found.template
         if template is None:
@@ -103,6 +103,11 @@ def tell_sport(
     if probabilities[best] < SURE:
         return LikelySport(None, float(probabilities[-1]))
     return LikelySport([*scores][best], float(probabilities[best]))
+
+
+def shows_rink_paint(image: NDArray[np.uint8], config: Config) -> bool:
+    """Whether a BGR picture (H, W, 3) shows paint of a colour of rinks."""
+    return any(map(is_rink_paint, tell_paints(image, config.mask)))
 
 
 def is_rink_paint(added_bgr: Array) -> bool:

@@ -135,7 +135,7 @@ def _weigh(found: FrameCalibration) -> float:
     """Evidence for a calibrated field that nobody named, picture widths, times the share of the paint it explains."""
     if found.status != "calibrated" or not found.fields:
         return 0.0
-    return (found.fields[0].evidence or 0.0) * (found.fields[0].explained_share or 0.0)
+    return found.fields[0].explained_evidence
 
 
 def _find_likely_paints(

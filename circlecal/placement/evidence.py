@@ -151,7 +151,12 @@ def weigh_samples(samples: OutlineSamples, maps: RidgeMaps, is_optional: Mask, r
     reach : float
         Distance at which a ridge does not explain a marking any more, pixels.
     """
-    total, found = (part.sum(axis=1) for part in _measure_markings(samples, maps, is_optional, reach))
+    return _weigh_lengths(*_measure_markings(samples, maps, is_optional, reach))
+
+
+def _weigh_lengths(in_view: Array, on_ridges: Array) -> tuple[Array, Array]:
+    """What :func:`weigh_samples` tells, from the length of each marking (B, K) in view and on ridges."""
+    total, found = in_view.sum(axis=1), on_ridges.sum(axis=1)
     return found - BREAK_EVEN * total, found / np.maximum(total, 1e-9)
 
 
@@ -201,8 +206,9 @@ def weigh_view(view: FieldView, template: FieldTemplate, paint: SeenPaint) -> Vi
     outlines = Outlines.of(template)
     pixels, ahead = _show_outlines(view, template, outlines, maps.scaling)
     samples, surface_share = _sample_on_surface(pixels, ahead, outlines, maps.region)
-    score, share = weigh_samples(samples, maps, outlines.is_optional, reach)
-    total, found = (part[0] for part in _measure_markings(samples, maps, outlines.is_optional, reach))
+    lengths = _measure_markings(samples, maps, outlines.is_optional, reach)
+    score, share = _weigh_lengths(*lengths)
+    total, found = (part[0] for part in lengths)
     return ViewEvidence(
         float(score[0]) / maps.width,
         float(share[0]),

@@ -137,6 +137,11 @@ class FieldCandidate:
     max_sigma_px: float | None = None
     H_image_field: Array | None = None
 
+    @property
+    def explained_evidence(self) -> float:
+        """Evidence, picture widths, times the share of the paint that is explained; 0 where either is unknown."""
+        return (self.evidence or 0.0) * (self.explained_share or 0.0)
+
 
 @dataclass(frozen=True, slots=True)
 class LikelySport:

@@ -18,8 +18,8 @@ from circlecal.camera.priors import SHARED, ZOOMED, Priors
 from circlecal.camera.problem import Problem, evaluate
 from circlecal.camera.residuals import sample_feet
 from circlecal.geometry.camera_parameters import ANGLES, INDEX, PARAMETERS, POSITION
-from circlecal.geometry.least_squares import Step, StoppingRule, invert_normal, minimise
-from circlecal.geometry.projective import Array, Indices, Mask
+from circlecal.geometry.least_squares import Arrow, OneStart, Step, StoppingRule, invert_normal, minimise
+from circlecal.geometry.projective import Array, Indices
 from circlecal.rig.tripod import COMMON, PLACE, TripodModel, unwrap_pan
 
 OWN = ("log_focal", "pan", "tilt", "bloom")
@@ -205,14 +205,8 @@ class JointProblem:
         moved = self.thetas(state.own + own_change, state.common + change) - state.theta
         shortening = max(1.0, float(np.abs(moved[:, _CAUTIOUS]).max()) / LARGEST_STEP)
         own_change, change = own_change / shortening, change / shortening
-        # -(2 g^T d + d^T N d), block by block
-        slope = float((state.g_o * own_change).sum() + g_c @ change)
-        bend = np.einsum("fo,fop,fp->", own_change, state.H_oo, own_change) + change @ whole @ change
-        bend += 2.0 * np.einsum("fo,foc,c->", own_change, state.H_oc, change)
-        full = np.concatenate([own_change.ravel(), change])
-        now = np.concatenate([state.own.ravel(), state.common])
-        promise = np.array([-2.0 * slope - float(bend)])
-        return Step((now + full)[None], full[None], promise, promise)
+        arrow = Arrow(state.H_oo, state.H_oc, whole, state.g_o, g_c)
+        return arrow.step(state.own, state.common, own_change, change)
 
     def follow(self, state: JointState, step: Step, index: Indices) -> JointState:
         """The frames where a step has led them, each with its own parameters adjusted to what is shared."""
@@ -232,7 +226,7 @@ class JointProblem:
 
 
 @dataclass(frozen=True, slots=True)
-class JointState:
+class JointState(OneStart):
     """Where a joint fit stands.
 
     Attributes
@@ -275,14 +269,6 @@ class JointState:
     def cost(self) -> Array:
         """Of everything (1,)."""
         return np.array([self.costs.sum() + self.common_cost])
-
-    def select(self, index: Indices | Mask) -> JointState:
-        """The only start."""
-        return self
-
-    def put(self, index: Indices, other: JointState) -> JointState:
-        """The other state, where the only start is at the index."""
-        return other if len(index) else self
 
 
 def joint_problem(

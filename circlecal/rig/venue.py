@@ -287,8 +287,8 @@ def choose_field(path: Path, chosen: FieldConfig, named: str | None) -> str | No
     InputError
         Unreadable or damaged.
     """
-    is_open = chosen.template == AUTO if named is None else named == AUTO
-    if not is_open and (named is not None or chosen.template != FieldConfig().template):
+    configured = None if chosen.template == FieldConfig().template else chosen.template
+    if (configured if named is None else named) not in (None, AUTO):
         return named
     field = read_venue_file(path).field
     return field if field in field_names() else named

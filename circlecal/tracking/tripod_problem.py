@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from circlecal.geometry.least_squares import Step, StoppingRule, invert_normal, minimise
-from circlecal.geometry.projective import Array, Indices, Mask
+from circlecal.geometry.least_squares import Arrow, OneStart, Step, StoppingRule, invert_normal, minimise
+from circlecal.geometry.projective import Array, Indices
 from circlecal.rig.tripod import COMMON, TripodEstimate, TripodModel
 from circlecal.tracking.frame_paint import (
     FramePaint,
@@ -75,7 +75,7 @@ class Normal:
 
 
 @dataclass(frozen=True, slots=True)
-class TripodState:
+class TripodState(OneStart):
     """Heads (F, 3) and common parameters (K,) of a problem, its equations there, and the cost of the prior."""
 
     heads: Array
@@ -87,14 +87,6 @@ class TripodState:
     def cost(self) -> Array:
         """Of the paint and of the prior (1,)."""
         return np.array([self.normal.cost + self.prior_cost])
-
-    def select(self, index: Indices | Mask) -> TripodState:
-        """The only start."""
-        return self
-
-    def put(self, index: Indices, other: TripodState) -> TripodState:
-        """The other state, where the only start is at the index."""
-        return other if len(index) else self
 
 
 @dataclass(frozen=True, slots=True)
@@ -277,14 +269,8 @@ class _TripodSteps:
         heads = -solved[..., -1] - solved[..., :-1] @ common
         shorten = max(1.0, float(np.abs(heads).max(initial=0.0)) / LARGEST_STEP)
         heads, common = heads / shorten, common / shorten
-        # -(2 g^T d + d^T N d), block by block
-        slope = float((normal.g_o * heads).sum() + slope_c @ common)
-        bend = np.einsum("fo,fop,fp->", heads, normal.H_oo, heads) + common @ (normal.H_cc + problem.precision) @ common
-        bend += 2.0 * np.einsum("fo,foc,c->", heads, normal.H_oc, common)
-        change = np.concatenate([heads.ravel(), common])
-        now = np.concatenate([state.heads.ravel(), state.common])
-        promise = np.array([-2.0 * slope - float(bend)])
-        return Step((now + change)[None], change[None], promise, promise)
+        arrow = Arrow(normal.H_oo, normal.H_oc, normal.H_cc + problem.precision, normal.g_o, slope_c)
+        return arrow.step(state.heads, state.common, heads, common)
 
     def follow(self, state: TripodState, step: Step, index: Indices) -> TripodState:
         """The state where a step has led, evaluated anew."""

@@ -9,7 +9,7 @@ from circlecal.config import Config, load_config, suit_config
 from circlecal.errors import ConfigError
 from circlecal.field import load_field
 from circlecal.observations import MarkingKey
-from circlecal.pipeline import calibrate_unknown_field, field_choice, field_of, run
+from circlecal.pipeline import calibrate_unknown_field, field_choice, field_of, likely_sport, run
 from circlecal.pipeline.field_choice import SETTLED_MARKINGS, Answer, choose_answer
 from circlecal.records.json_text import result_line
 from circlecal.records.record import ResultRecord
@@ -103,7 +103,7 @@ def test_no_hall_is_tried_where_a_rink_is_seen_that_does_not_calibrate(monkeypat
 
     monkeypatch.setattr(field_choice, "run", calibrate)
     monkeypatch.setattr(field_choice, "_weigh", weigh)
-    monkeypatch.setattr(field_choice, "tell_paints", lambda *_: (np.array(paint),))
+    monkeypatch.setattr(likely_sport, "tell_paints", lambda *_: (np.array(paint),))
     among = ["soccer", "ice-hockey-nhl", "basketball"]
     config = load_config(None, {"field.template": "auto", "field.among": among})
     ice = np.full((*SIZE[::-1], 3), (228, 225, 220), np.uint8)
