@@ -65,12 +65,15 @@ def explore_valley(problem: Problem, state: State, rule: StoppingRule) -> tuple[
 
 
 def _hold_focal(problem: Problem, best: State, step: Array) -> State:
-    """The best cameras with the focal lengths a step (P,) to either side."""
-    sd = problem.priors.sd.copy()
+    """The best cameras with the focal lengths a step (P,) to either side; their costs have the focal length's prior."""
+    mean, sd = problem.priors.mean[LOG_FOCAL], problem.priors.sd.copy()
+    by_prior = 1.0 / sd[LOG_FOCAL]
     sd[LOG_FOCAL] = 0.0
     held = replace(problem, priors=replace(problem.priors, sd=sd))
     theta = best.theta + np.array([[-1.0], [1.0]]) * step
-    return resume(held, evaluate(held, theta, np.repeat(best.feet, 2, axis=0)), SIDES)
+    sides = resume(held, evaluate(held, theta, np.repeat(best.feet, 2, axis=0)), SIDES)
+    # a parameter that is held has no prior of its own
+    return replace(sides, cost=sides.cost + (by_prior * (theta[:, LOG_FOCAL] - mean)) ** 2)
 
 
 def widen_valley(covariance: Array, growth: float) -> Array:

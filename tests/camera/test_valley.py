@@ -67,6 +67,24 @@ def test_both_sides_are_followed_at_once_with_their_focal_lengths_held(fitted):
     assert sides.cost - state.cost[0] == pytest.approx(1.0, abs=0.25)
 
 
+def test_what_is_known_of_the_focal_length_beforehand_makes_the_sides_rise_too(fitted, monkeypatch):
+    problem, state = fitted
+    monkeypatch.setattr(valley, "OPEN_SD", 0.0)
+    covariance = posterior_covariance(state.normal[0], problem.priors.sd)
+    mean, sd = problem.priors.mean.copy(), problem.priors.sd.copy()
+    # twice as narrow as what is seen tells, and a little beside it
+    sd[LOG_FOCAL] = 0.5 * np.sqrt(covariance[LOG_FOCAL, LOG_FOCAL])
+    mean[LOG_FOCAL] = state.theta[0, LOG_FOCAL] + 0.5 * sd[LOG_FOCAL]
+    known = replace(problem, priors=replace(problem.priors, mean=mean, sd=sd))
+    optimum = minimise(known, state.theta, FINAL)
+    found, growth = explore_valley(known, optimum, FINAL)
+    assert growth == 1.0
+    assert found.theta[0] == pytest.approx(optimum.theta[0])
+    step = posterior_covariance(optimum.normal[0], sd)[LOG_FOCAL]
+    sides = valley._hold_focal(known, optimum, step / np.sqrt(step[LOG_FOCAL]))
+    assert sides.cost - optimum.cost[0] == pytest.approx(1.0, abs=0.1)
+
+
 @pytest.mark.parametrize(("limit", "sd"), [("OPEN_SD", 10.0), ("LOST_SD", 0.0)])
 def test_a_camera_that_is_well_known_or_lost_is_not_looked_at(limit, sd, fitted, monkeypatch):
     problem, state = fitted
