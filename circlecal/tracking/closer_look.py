@@ -5,12 +5,14 @@ pictures between them, for one last fit.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from circlecal.camera.spike_and_slab import shares_of_all_sizes
 from circlecal.config import Config
 from circlecal.field import FieldTemplate
+from circlecal.geometry.least_squares import StoppingRule
 from circlecal.geometry.projective import Array
 from circlecal.pipeline import field_of
 from circlecal.rig.tripod import PLACE, TripodEstimate, Venue
@@ -31,10 +33,14 @@ from circlecal.tracking.pitch import (
     joint_frames,
     leave_out_false_line,
     loosen_size,
+    mix_sizes,
     open_size,
+    priors_of_sizes,
+    untold_sizes,
 )
 from circlecal.tracking.seen_paint import MeasuredFrame
 from circlecal.tracking.tripod_fit import TripodFit, count_alike, fit_tripod
+from circlecal.tracking.tripod_problem import RULE, VALLEY_RULE
 
 WELL_KNOWN_M = 0.02
 """Standard deviation of the pitch's size from which on no further pictures are looked at. Before a penalty area 0.1 m
@@ -210,12 +216,12 @@ def _fit_closely(
     """The fit of the tripod to closely measured frames, without those of a false camera; the width of the paint with
     the rest where its blur tells it. Whether a line is a false one, and what the models leave, the sharp frames tell.
     Where the models leave more than noise, a length that is not the usual one is that of the frames which show the
-    middle of the field, some of them with an end, if they tell it. At last a size that is held is told as uncertain as
-    the paint leaves it.
+    middle of the field, some of them with an end, if they tell it. At last the size is told as uncertain as the paint
+    leaves it.
     """
     unit = tripod.size[0] / 1920.0
-    mean, sd = priors_of_frames(config, template, tripod.size, [frame.measured for frame in sharp])
-    mean, sd = hold_size(tripod, mean, sd)
+    any_mean, any_sd = priors_of_frames(config, template, tripod.size, [frame.measured for frame in sharp])
+    mean, sd = hold_size(tripod, any_mean, any_sd)
     kept, (fit,) = leave_out_false_line(sharp, [tripod], mean, sd, drawn)
     alike = count_alike(fit)
     frames = [*kept, *(_leave_out_alike(frame, sharp, kept) for frame in smeared)]
@@ -237,11 +243,56 @@ def _fit_closely(
         is_width_free = abs(free.estimate.mean[WIDTH] - mean[WIDTH]) < WIDTH_AGREES * sd[WIDTH]
         fit = free if is_width_free else fit
     best = fit.estimate
-    loose_sd = loosen_size(sd, template)
-    if kept and parts_m is not None and (loose_sd > sd).any():
-        loose = fit_tripod(kept, best, mean, loose_sd, drawn, None, is_width_free, alike, parts_m=np.inf)
-        best = open_size(best, loose.estimate, loose_sd > sd)
+    if kept and parts_m is not None:
+        last = _LastFit(kept, drawn, is_width_free, alike)
+        any_size = np.where(sd > 0.0, any_mean, mean), np.where(sd > 0.0, any_sd, 0.0)
+        best = _tell_size(last, best, tripod, (mean, sd), any_size, config, template)
     return replace(fit, estimate=replace(best, left_out=tripod.left_out))
+
+
+@dataclass(frozen=True, slots=True)
+class _LastFit:
+    """Fits to frames that differ by what is known of the size of the pitch; all else is as for :func:`fit_tripod`."""
+
+    frames: list[HeadedFrame]
+    drawn: DrawnTemplate
+    is_width_free: bool
+    alike: float
+
+    def fit(
+        self, start: TripodEstimate, mean: Array, sd: Array, parts_m: float, rule: StoppingRule = RULE
+    ) -> TripodFit:
+        """The fit from a start before pitches with these means and standard deviations (K,)."""
+        free, alike = self.is_width_free, self.alike
+        return fit_tripod(self.frames, start, mean, sd, self.drawn, None, free, alike, parts_m=parts_m, rule=rule)
+
+
+def _tell_size(
+    last: _LastFit,
+    found: TripodEstimate,
+    before: TripodEstimate,
+    held: tuple[Array, Array],
+    any_size: tuple[Array, Array],
+    config: Config,
+    template: FieldTemplate,
+) -> TripodEstimate:
+    """A tripod with the size of the pitch as its frames tell it.
+
+    A size that they left open is the likeliest of what it may be, with what the others add to its variance; one that
+    was settled is held, as uncertain as the paint leaves it. ``held`` and ``any_size`` are the priors, means and
+    standard deviations (K,), that the tripod was found with and those before a pitch of any size.
+    """
+    mean, sd = held
+    if untold_sizes(before, any_size[1]).any():
+        shares = shares_of_all_sizes(config.camera.usual_size_share, config.camera.other_length_share)
+        priors = priors_of_sizes(before, *any_size, shares)
+        fits = [last.fit(found, *prior[:2], PART_M, VALLEY_RULE) for prior in priors]
+        likeliest, found = mix_sizes(fits, priors)
+        mean, sd, _ = priors[likeliest]
+    loose_sd = loosen_size(sd, template)
+    if not (loose_sd > sd).any():
+        return found
+    return open_size(found, last.fit(found, mean, loose_sd, np.inf).estimate, loose_sd > sd)
 
 
 def _leave_out_alike(frame: HeadedFrame, before: Sequence[HeadedFrame], after: Sequence[HeadedFrame]) -> HeadedFrame:

@@ -176,7 +176,7 @@ def _keep_known(
     """
     free = fit_tripod(members, extended, *prior, drawn)
     free = fit_tripod(members, free.estimate, *prior, drawn, alike=count_alike(free), parts_m=PART_M)
-    alike = count_alike(free) * free.spread
+    alike = count_alike(free) * max(free.spread, 1.0)
     free = fit_tripod(members, free.estimate, *prior, drawn, alike=alike)
     sd, start = np.sqrt(np.diag(known.covariance)), replace(extended, painters=known.painters)
     precision = _precision(known, sd, 1.0)

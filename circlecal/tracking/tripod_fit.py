@@ -11,13 +11,14 @@ from circlecal.camera.options import CameraConfig
 from circlecal.camera.rig_options import RigConfig
 from circlecal.field import FieldTemplate
 from circlecal.geometry.camera_parameters import INDEX, ProjectionModel
+from circlecal.geometry.least_squares import StoppingRule
 from circlecal.geometry.projective import Array, Indices
 from circlecal.geometry.surface import Surface
 from circlecal.rig.tripod import COMMON, PLACE, PaintersShare, TripodEstimate, TripodModel
 from circlecal.tracking.frame_paint import MODEL_SIGMA_PX, PART_M, HeadedFrame
 from circlecal.tracking.markings import DrawnTemplate
 from circlecal.tracking.painters import align_errors, list_errors, name_errors
-from circlecal.tracking.tripod_problem import TripodProblem, TripodState
+from circlecal.tracking.tripod_problem import RULE, TripodProblem, TripodState
 
 LOSS_SCALE = 2.0
 """Of the Geman-McClure loss, standard deviations: paint that lies further off is something else."""
@@ -90,7 +91,8 @@ def common_priors(
 class TripodFit:
     """A tripod with the heads (F, 3) of its frames, their root mean square residuals (F,), px, without those of paint
     too faint to be expected, those of paint that is not mistaken for what lies beside it where these are less (F,), the
-    cost, and how many times the variance that it is taken to have the paint has about its markings, 1 where less.
+    cost, how much of it is the prior's, and how many times the variance that it is taken to have the paint has about
+    its markings: less than 1 only where nothing but noise is left.
     """
 
     estimate: TripodEstimate
@@ -98,7 +100,12 @@ class TripodFit:
     rms_px: Array
     clear_rms_px: Array
     cost: float
+    prior_cost: float = 0.0
     spread: float = 1.0
+
+    def cost_by(self, spread: float) -> float:
+        """The cost where the paint has so many times the variance that it is taken to have."""
+        return (self.cost - self.prior_cost) / spread + self.prior_cost
 
 
 def fit_tripod(
@@ -112,6 +119,7 @@ def fit_tripod(
     alike: float = 1.0,
     *,
     parts_m: float | None = None,
+    rule: StoppingRule = RULE,
 ) -> TripodFit:
     """Heads and common parameters of frames, from a start.
 
@@ -135,18 +143,22 @@ def fit_tripod(
         Size of the parts of the field within which paint is off alike, by which the covariance is told: of answers
         :data:`PART_M`, with all that models leave; infinite where whole markings may be beside their places. Without
         it what models leave counts by the cost alone.
+    rule : StoppingRule
+        When the optimum is reached.
     """
     free = free_parameters(sd, is_width_free)
     precision = np.diag(1.0 / np.where(sd > 0, sd, np.inf) ** 2) if prior_precision is None else prior_precision
     problem, heads, common = TripodProblem.of(frames, start, drawn, mean, precision, free, alike)
     rough = problem.minimise(heads, common, WIDE * LOSS_SCALE)
-    at = problem.minimise(rough.heads, rough.common, LOSS_SCALE)
+    at = problem.minimise(rough.heads, rough.common, LOSS_SCALE, rule)
     if LEVER in free and at.common[LEVER] < LEAST_LEVER_M <= mean[LEVER]:
         mean, sd, common = mean.copy(), sd.copy(), at.common.copy()
         mean[LEVER], sd[LEVER] = LEAST_LEVER_M, 0.0
         held = [replace(frame, head=head) for frame, head in zip(frames, at.heads, strict=True)]
         start = replace(start, mean=common)
-        return fit_tripod(held, start, mean, sd, drawn, prior_precision, is_width_free, alike, parts_m=parts_m)
+        return fit_tripod(
+            held, start, mean, sd, drawn, prior_precision, is_width_free, alike, parts_m=parts_m, rule=rule
+        )
     rms, clear_rms = problem.distances(at)
     # where only noise is left it may be less than it is taken to be
     is_noise = alike == 1.0 and float(np.mean(rms)) <= MODEL_SIGMA_PX * problem.unit
@@ -169,7 +181,7 @@ def fit_tripod(
         used=tuple(frame.name for frame in frames),
         painters=painters,
     )
-    return TripodFit(estimate, at.heads, rms, clear_rms, float(at.cost[0]), max(spread, 1.0))
+    return TripodFit(estimate, at.heads, rms, clear_rms, float(at.cost[0]), at.prior_cost, spread)
 
 
 def _measure_spread(

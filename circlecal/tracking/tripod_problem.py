@@ -26,8 +26,13 @@ from circlecal.tracking.frame_paint import (
 from circlecal.tracking.markings import DrawnTemplate
 from circlecal.tracking.painters import move_by_errors
 
-RULE = StoppingRule(1e-4, unit=np.inf, last_step=True, iterations=15)
+RULE = StoppingRule(1e-4, unit=np.inf, last_step=True, iterations=60)
 """Of a tripod's fit: frames add up, so what is worth a step is a share of the cost."""
+VALLEY_RULE = replace(RULE, tolerance=1e-3, unit=1.0)
+"""Where frames leave the size of the pitch open: zoom, distance and size make up for each other along a narrow valley
+that bends, in steps of a thousandth of the cost. Twelve frames of a camera that stands still, of a pitch 62 m wide,
+lead from one of 67.5 m no further than to 67.4 m with the usual rule, and to 62.4 m with this one.
+"""
 LARGEST_STEP = 0.3
 """Of the logarithm of focal length and of angles, in one iteration."""
 BEYOND_PARTS = 1.5
@@ -76,10 +81,13 @@ class Normal:
 
 @dataclass(frozen=True, slots=True)
 class TripodState(OneStart):
-    """Heads (F, 3) and common parameters (K,) of a problem, its equations there, and the cost of the prior."""
+    """Heads (F, 3) and common parameters (K,) of a problem, the paint of its frames and the equations there, and the
+    cost of the prior.
+    """
 
     heads: Array
     common: Array
+    paint: tuple[FramePaint, ...]
     normal: Normal
     prior_cost: float
 
@@ -156,13 +164,13 @@ class TripodProblem:
         """The equations at heads (F, 3) and common parameters (K,)."""
         away = np.zeros(len(COMMON))
         away[self.free] = (common - self.mean)[self.free]
-        normal = Normal.of(list(self.paint(heads, common)), loss_scale)
-        return TripodState(heads, common, normal, float(away @ self.precision @ away))
+        paint = tuple(self.paint(heads, common))
+        return TripodState(heads, common, paint, Normal.of(paint, loss_scale), float(away @ self.precision @ away))
 
-    def minimise(self, heads: Array, common: Array, loss_scale: float) -> TripodState:
+    def minimise(self, heads: Array, common: Array, loss_scale: float, rule: StoppingRule = RULE) -> TripodState:
         """The optimum from a start."""
         start = self.evaluate(heads, common, loss_scale)
-        return minimise(_TripodSteps(self, loss_scale), start, RULE).state
+        return minimise(_TripodSteps(self, loss_scale), start, rule).state
 
     def invert(self, reduced: Array) -> Array:
         """Covariance of the parameters that are estimated, from a common block (K, K) without the frames' own ones."""
@@ -173,7 +181,7 @@ class TripodProblem:
         have followed them by ``by_errors`` (K, E) and the frame's head as its paint has it.
         """
         theta = self.model.thetas(at.heads, at.common)
-        for k, paint in enumerate(self.paint(at.heads, at.common)):
+        for k, paint in enumerate(at.paint):
             errors = move_by_errors(self.frames[k].measured, self.drawn, theta[k], self.model.projection)
             moved = errors + paint.by_common @ by_errors
             toward = (paint.weights(loss_scale)[:, None] * paint.by_own).T @ moved
@@ -188,7 +196,7 @@ class TripodProblem:
         reduced, _ = at.normal.eliminate(self.precision)
         toward = -self.precision @ known
         moved = self.move_by_errors(at, loss_scale, np.zeros_like(known))
-        for paint, by_errors in zip(self.paint(at.heads, at.common), moved, strict=True):
+        for paint, by_errors in zip(at.paint, moved, strict=True):
             toward += (paint.weights(loss_scale)[:, None] * paint.by_common).T @ by_errors
         follows = np.zeros_like(known)
         follows[self.free] = -self.invert(reduced) @ toward[self.free]
@@ -200,7 +208,7 @@ class TripodProblem:
         """
         found = [
             rms_distances(frame.measured, paint.away, self.unit)
-            for frame, paint in zip(self.frames, self.paint(at.heads, at.common), strict=True)
+            for frame, paint in zip(self.frames, at.paint, strict=True)
         ]
         rms, clear = np.array(found).reshape(-1, 2).T
         return rms, clear
@@ -223,7 +231,7 @@ class TripodProblem:
         reduced, solved = at.normal.eliminate(self.precision)
         shared = np.zeros((len(parts), len(COMMON)))
         explained = 0.0
-        for k, paint in enumerate(self.paint(at.heads, at.common)):
+        for k, paint in enumerate(at.paint):
             off, weight, by_own, by_common = paint.add_by_part(part_of[k], len(parts), loss_scale)
             away += off
             size += weight
@@ -277,9 +285,19 @@ class _TripodSteps:
         heads, common = np.split(step.parameters[0], [state.heads.size])
         return self.problem.evaluate(heads.reshape(state.heads.shape), common, self.loss_scale)
 
-    def bend(self, state: TripodState, step: Step, proposal: TripodState) -> TripodState | None:
-        """The frames' starts are near: steps are straight."""
-        return None
+    def bend(self, state: TripodState, step: Step, proposal: TripodState) -> TripodState:
+        """The state whose gradient holds by how much the distances that a step led to differ from the linear model."""
+        heads, common = np.split(step.change[0], [state.heads.size])
+        normal = state.normal
+        g_o, g_c = normal.g_o.copy(), normal.g_c.copy()
+        for k, (head, paint, there) in enumerate(
+            zip(heads.reshape(state.heads.shape), state.paint, proposal.paint, strict=True)
+        ):
+            off = there.away - paint.away - paint.by_own @ head - paint.by_common @ common
+            weighted = paint.weights(self.loss_scale) * off
+            g_o[k] += weighted @ paint.by_own
+            g_c += weighted @ paint.by_common
+        return replace(state, normal=replace(normal, g_o=g_o, g_c=g_c))
 
     def extrapolate(self, state: TripodState, step: Step) -> TripodState:
         """The state after a step that is not worth another one, evaluated; the state itself where that raises it."""

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from circlecal.camera.world import Size
 from circlecal.config import load_config
 from circlecal.geometry.surface import Surface, SurfaceShape
 from circlecal.rig.tripod import PLACE, TripodEstimate
@@ -16,7 +17,7 @@ from circlecal.tracking.frame_paint import PART_M, HeadedFrame
 from circlecal.tracking.looking import LookedAt, Place
 from circlecal.tracking.markings import template_curves
 from circlecal.tracking.survey import WORST_RMS_PX
-from circlecal.tracking.tripod_fit import common_priors, fit_tripod
+from circlecal.tracking.tripod_fit import TripodFit, common_priors, fit_tripod
 from tests.tracking.scenes import (
     HEAD,
     SIZE,
@@ -144,6 +145,82 @@ def test_a_usual_size_is_told_as_uncertain_as_its_own_paint_leaves_it() -> None:
     assert told.growth_m[1] == 0.0
     assert told.sigma("breadth") == pytest.approx(pitch.USUAL_SD_M, rel=0.05)
     assert told.sigma("length") < 0.5 * told.sigma("breadth")
+
+
+USUAL_SHARES: dict[Size, float] = {"usual": 0.9, "other_length": 0.06, "any": 0.04}
+
+
+def _told_tripod(length_sd_m: float, breadth_sd_m: float) -> TripodEstimate:
+    covariance = np.zeros((len(PLACE), len(PLACE)))
+    covariance[pitch.SIZE, pitch.SIZE] = np.square([length_sd_m, breadth_sd_m])
+    return replace(tripod(), covariance=covariance)
+
+
+@pytest.mark.parametrize(
+    ("size_sd_m", "breadth_m", "kinds"),
+    [
+        ((2.0, 2.0), None, {(1.0, 1.0): 0.9, (8.7, 1.0): 0.06, (8.7, 13.0): 0.04}),
+        # frames tell a length that is not the usual one, and leave the width open
+        ((0.2, 2.0), None, {(8.7, 1.0): 0.06, (8.7, 13.0): 0.04}),
+        # they tell the width, which is the usual one or is not, and leave the length open
+        ((2.0, 0.0), 0.0, {(1.0, 0.0): 0.9, (8.7, 0.0): 0.1}),
+        ((2.0, 0.0), -1.5, {(8.7, 0.0): 0.04}),
+        ((2.0, 0.2), None, {(8.7, 13.0): 0.04}),
+    ],
+)
+def test_a_size_that_frames_leave_open_may_be_the_usual_one_or_any(size_sd_m, breadth_m, kinds) -> None:
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE)
+    if breadth_m is not None:
+        mean[PLACE["breadth"]], sd[PLACE["breadth"]] = breadth_m, 0.0
+    priors = pitch.priors_of_sizes(_told_tripod(*size_sd_m), mean, sd, USUAL_SHARES)
+    found = {tuple(own_sd[pitch.SIZE].round(1).tolist()): share for _, own_sd, share in priors}
+    assert found == pytest.approx(kinds)
+    for own_mean, own_sd, _ in priors:
+        is_near = own_sd[pitch.SIZE] == pitch.USUAL_SD_M
+        np.testing.assert_array_equal(own_mean[pitch.SIZE], np.where(is_near, 0.0, mean[pitch.SIZE]))
+
+
+def _fit_of_size(breadth_m: float, sd_m: float, cost: float) -> TripodFit:
+    mean, covariance = tripod().mean.copy(), np.zeros((len(PLACE), len(PLACE)))
+    mean[PLACE["breadth"]], covariance[PLACE["breadth"], PLACE["breadth"]] = breadth_m, sd_m**2
+    estimate = replace(tripod(), mean=mean, covariance=covariance)
+    return TripodFit(estimate, np.zeros((1, 3)), np.zeros(1), np.zeros(1), cost, 0.0, spread=0.5)
+
+
+@pytest.mark.parametrize("more_cost", [2.0, 4.0, 6.0, 20.0])
+def test_the_likelier_size_is_told_with_what_the_other_adds_to_its_variance(more_cost) -> None:
+    """With the paint's own variance, half of what it is taken to be, a cost counts twice."""
+    sd = np.zeros(len(PLACE))
+    priors = []
+    for sd_m, share in ((1.0, 0.96), (13.0, 0.04)):
+        sd[PLACE["breadth"]] = sd_m
+        priors.append((np.zeros(len(PLACE)), sd.copy(), share))
+    best, told = pitch.mix_sizes([_fit_of_size(-1.0, 0.8, 50.0 + more_cost), _fit_of_size(-4.5, 1.1, 50.0)], priors)
+    usual = 0.96 * 0.8 * np.exp(-more_cost)
+    other = 0.04 * 1.1 / 13.0
+    share = usual / (usual + other)
+    assert best == (0 if share > 0.5 else 1)
+    assert told.growth_m[1] == (-1.0, -4.5)[best]
+    away = (share if best else 1.0 - share) * 3.5**2
+    variance = share * 0.8**2 + (1.0 - share) * 1.1**2 + away
+    assert told.sigma("breadth") ** 2 == pytest.approx(variance if 0.01 < share < 0.99 else (0.8, 1.1)[best] ** 2)
+
+
+def test_a_width_that_frames_contradict_is_not_held_at_the_usual_one() -> None:
+    """A camera that stands still shows circle and far touchline of a pitch 59 m wide, which tell that to 1.4 m."""
+    drawn, head, rng = template_curves(template()), np.array([np.log(2600.0), 0.02, 1.38]), np.random.default_rng(3)
+    near = drawn.names.index("side_line_bottom")
+    frames = [
+        HeadedFrame(str(k), head, measure_ideal(head, np.array([0.0, -9.0]), 0.1, rng).leave_out(near))
+        for k in range(12)
+    ]
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE)
+    held_mean, held_sd = mean.copy(), sd.copy()
+    held_mean[pitch.SIZE], held_sd[pitch.SIZE] = 0.0, pitch.USUAL_SD_M
+    held = fit_tripod(frames, tripod(), held_mean, held_sd, drawn).estimate
+    assert held.growth_m[1] > -4.0
+    told = closer_look._fit_closely(held, frames, [], load_config(), template(), drawn, parts_m=PART_M).estimate
+    assert abs(told.growth_m[1] + 9.0) < 2.0 * told.sigma("breadth") < 5.0
 
 
 def test_what_follows_a_size_is_uncertain_with_it() -> None:

@@ -63,6 +63,22 @@ def test_the_last_fit_tells_what_models_leave_of_whole_markings() -> None:
         assert off / last.sigma("length") < 0.8 * off / before.sigma("length")
 
 
+def test_along_the_valley_of_a_camera_that_stands_still_any_start_leads_to_one_optimum() -> None:
+    """Zoom, distance and width of the pitch make up for each other where circle and far touchline are seen alone."""
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE)
+    sd[PLACE["width"]] = 0.0
+    drawn, head, rng = template_curves(template()), np.array([np.log(2600.0), 0.02, 1.38]), np.random.default_rng(3)
+    seen = measure_ideal(head, np.array([0.0, -5.0]), 0.0, rng).leave_out(drawn.names.index("side_line_bottom"))
+    frames = [HeadedFrame(str(k), head, seen) for k in range(12)]
+    there, aside = tripod().mean.copy(), tripod().mean.copy()
+    there[PLACE["breadth"]] = -5.0
+    aside[[PLACE["axis_y"], PLACE["axis_z"]]] += (8.0, -1.5)
+    found, other = (fit_tripod(frames, replace(tripod(), mean=start), mean, sd, drawn) for start in (there, aside))
+    assert abs(found.estimate.growth_m[1] + 5.0) < 0.2
+    assert found.estimate.sigma("breadth") > 1.0
+    np.testing.assert_allclose(other.estimate.growth_m, found.estimate.growth_m, atol=0.01)
+
+
 def test_a_lever_arm_points_ahead() -> None:
     rng = np.random.default_rng(3)
     heads = [np.array([np.log(2600.0), pan, 1.38]) for pan in (0.1, 0.0, -0.2, -0.4)]
