@@ -143,3 +143,18 @@ def test_a_disc_too_small_to_reach_beyond_its_line_has_no_response():
     with np.errstate(all="raise"):
         response = _response(seen, 1.0, 0.0, 1.0)
     assert not response.contrast.any() and not response.is_whole.any()
+
+
+@pytest.mark.parametrize(("level", "is_found"), [(200.0, False), (255.0, False), (150.0, True)])
+def test_the_rim_of_a_ball_on_the_line_is_no_mark(level, is_found):
+    """A ball that is brighter than the line covers it, and ends 5 px beyond; one as bright as paint may be a mark."""
+    axes, radius = (90.0, 140.0), 20.0
+    y, x = np.mgrid[:300, :400].astype(float)
+    line = 90.0 + 60.0 * np.clip(0.5 * WIDTH * axes[0] + 0.5 - np.abs(x - MIDDLE[0]), 0.0, 1.0)
+    covered = np.clip(radius + 0.5 - np.hypot(x - MIDDLE[0] - 5.0 + radius, y - MIDDLE[1]), 0.0, 1.0)
+    picture = cv2.GaussianBlur((line + (level - line) * covered).astype(np.float32), (0, 0), BLUR_PX)
+    points = MIDDLE + np.linspace(-0.98, 0.98, 90)[:, None] * (0.0, axes[1])
+    conic = conic_from_ellipse(Ellipse(MIDDLE, axes, 0.0))
+    across = np.array([1.0, 0.0, -MIDDLE[0]])
+    found = find_centre_mark(picture, across, points, conic, 2.0 * RADIUS, WIDTH, BLUR_PX, (-0.2, 0.2), 4.0)
+    assert (found is not None) is is_found
