@@ -77,7 +77,8 @@ class FieldConfig(BaseModel):
     among: tuple[str, ...] = Field(
         TOLD_APART,
         min_length=1,
-        description="Templates that auto chooses from; the first one is taken where its answer is beyond doubt.",
+        description="Templates that auto chooses from, by name or as YAML files of your own; the first one is taken"
+        " where its answer is beyond doubt.",
     )
     circle: str | None = Field(
         None, description="Circle of the template that is seen; null: the template's default circle."
@@ -252,15 +253,54 @@ def suit_config(config: Config, template: str) -> Config:
     config : Config
         Of a field that is not known.
     template : str
-        Name of a template or its file.
+        Name of a template or its file; of a file among ``field.among`` the name in it is enough.
 
     Raises
     ------
     ConfigError
         The template does not exist, or what was set contradicts it.
     """
-    changes = _differences(config, Config()) | {"field.template": template, "field.among": FieldConfig().among}
-    return load_config(load_field(template).config, changes)
+    named = find_template(config, template)
+    changes = _differences(config, Config()) | {"field.template": named, "field.among": FieldConfig().among}
+    return load_config(load_field(named).config, changes)
+
+
+def find_template(config: Config, name: str) -> str:
+    """How an option names the template that results call ``name``: the file where it is one among ``field.among``.
+
+    Raises
+    ------
+    ConfigError
+        A file cannot be read as a template.
+    """
+    among = config.field.among
+    files = (entry for entry in among if name not in among and _is_own_template(entry))
+    return next((file for file in files if load_field(file).name == name), name)
+
+
+def check_among(among: Sequence[str]) -> None:
+    """See that the templates of ``field.among`` can be read, and that results tell them by their names.
+
+    Raises
+    ------
+    ConfigError
+        One line with the option, the template and the mend.
+    """
+    entry_of: dict[str, str] = {}
+    for entry in among:
+        try:
+            name = load_field(entry).name
+        except ConfigError as error:
+            raise ConfigError(f"field.among: {error}") from error
+        if name in entry_of and entry_of[name] != entry:
+            raise ConfigError(
+                f"field.among: {entry_of[name]} and {entry} are both named {name!r}; rename one in its file"
+            )
+        entry_of[name] = entry
+
+
+def _is_own_template(named: str) -> bool:
+    return named.endswith((".yaml", ".yml"))
 
 
 def _differences(given: BaseModel, usual: BaseModel, prefix: str = "") -> dict[str, Any]:
@@ -318,12 +358,11 @@ MODEL_KEYS = (("mask", "model"), ("keypoints", "model"), ("keypoints", "lines_mo
 
 def _file_keys(config: Config) -> tuple[tuple[str, str], ...]:
     """The keys that name files of the user: networks, and the template where it is one."""
-    own_template = config.field.template.endswith((".yaml", ".yml"))
-    return (("field", "template"), *MODEL_KEYS) if own_template else MODEL_KEYS
+    return (("field", "template"), *MODEL_KEYS) if _is_own_template(config.field.template) else MODEL_KEYS
 
 
 def absolute_files(config: Config) -> Config:
-    """The configuration as a process with another working folder must have it: its template and networks named by
+    """The configuration as a process with another working folder must have it: its templates and networks named by
     their whole paths.
     """
     changes: dict[str, Any] = {}
@@ -332,6 +371,10 @@ def absolute_files(config: Config) -> Config:
         file = getattr(section, key)
         if file is not None:
             changes[name] = section.model_copy(update={key: str(Path(file).absolute())})
+    among = config.field.among
+    whole = tuple(str(Path(entry).absolute()) if _is_own_template(entry) else entry for entry in among)
+    if whole != among:
+        changes["field"] = changes.get("field", config.field).model_copy(update={"among": whole})
     return config.model_copy(update=changes)
 
 
@@ -340,9 +383,14 @@ def _resolve_files(content: dict[str, Any], folder: Path) -> None:
     for name, key in (("field", "template"), *MODEL_KEYS):
         section = content.get(name)
         file = section.get(key) if isinstance(section, dict) else None
-        named_file = isinstance(file, str) and (key != "template" or file.endswith((".yaml", ".yml")))
+        named_file = isinstance(file, str) and (key != "template" or _is_own_template(file))
         if isinstance(section, dict) and named_file:
             section[key] = str(folder / str(file))
+    section = content.get("field")
+    among = section.get("among") if isinstance(section, dict) else None
+    if isinstance(section, dict) and isinstance(among, list):
+        own = [isinstance(entry, str) and _is_own_template(entry) for entry in among]
+        section["among"] = [str(folder / entry) if is_own else entry for entry, is_own in zip(among, own, strict=True)]
 
 
 def _apply_override(content: dict[str, Any], override: str | NamedOption | tuple[str, Any]) -> tuple[str, str]:
@@ -466,12 +514,14 @@ def suit_pixels(config: Config, aspect: float | None) -> Config:
 def config_digest(config: Config) -> str:
     """Twelve hexadecimal digits over everything that can change an answer.
 
-    That is every section but ``output``, ``rig`` and ``limits``, and the content of the user's own files: a template,
+    That is every section but ``output``, ``rig`` and ``limits``, and the content of the user's own files: templates,
     networks.
     """
     content = config.model_dump(mode="json", exclude={"output", "rig", "limits"})
     for name, key in _file_keys(config):
         content[name][key] = _file_digest(content[name][key])
+    among = content["field"]["among"]
+    content["field"]["among"] = [_file_digest(entry) if _is_own_template(entry) else entry for entry in among]
     canonical = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(canonical.encode()).hexdigest()[:12]
 

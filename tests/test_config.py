@@ -9,6 +9,7 @@ from pydantic import BaseModel
 
 from circlecal.config import (
     Config,
+    absolute_files,
     config_digest,
     config_folder,
     config_names,
@@ -69,6 +70,16 @@ def test_shipped_configurations_load_by_name():
 def test_a_template_file_lies_relative_to_the_configuration_that_names_it(tmp_path):
     config = load_config(written(tmp_path, "field: {template: rink.yaml}\n"))
     assert config.field.template == str(tmp_path / "rink.yaml")
+
+
+def test_template_files_among_others_lie_there_too_and_their_content_counts(tmp_path):
+    config = load_config(written(tmp_path, "field: {template: auto, among: [soccer, rink.yaml]}\n"))
+    assert config.field.among == ("soccer", str(tmp_path / "rink.yaml"))
+    before = config_digest(config)
+    (tmp_path / "rink.yaml").write_text("name: rink\n")
+    assert config_digest(config) != before
+    here = load_config(None, {"field.template": "auto", "field.among": ["soccer", "rink.yaml"]})
+    assert absolute_files(here).field.among == ("soccer", str(Path.cwd() / "rink.yaml"))
 
 
 @pytest.mark.parametrize(

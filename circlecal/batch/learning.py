@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.batch.frames import FrameRun, calibrate_frame, picture_of_record, tell_size, write_outputs
-from circlecal.config import AUTO, Config, suit_config
-from circlecal.field import load_field
+from circlecal.config import AUTO, Config, find_template, suit_config
 from circlecal.paint.colour import match_paint
 from circlecal.paint.shared_paint import Colour, agree_on_paint, is_coloured
 from circlecal.pictures.files import PictureFile
@@ -90,7 +89,11 @@ def learn(rows: Iterable[ResultRow], config: Config) -> dict[str, Lesson]:
     found = {}
     for group, told in sorted(seen.items()):
         lesson = _agree(told, config.learning.least_frames)
-        is_new = config.field.template == AUTO and lesson is not None and lesson.field != config.field.among[0]
+        is_new = (
+            config.field.template == AUTO
+            and lesson is not None
+            and find_template(config, lesson.field) != config.field.among[0]
+        )
         if lesson is not None and (lesson.is_coloured or is_new):
             found[group] = lesson
     return found
@@ -165,8 +168,9 @@ class LearnedRun:
         """
         lesson, told = frame.lesson, frame.record.learnt
         file = picture_of_record(frame.record)
-        again = self._calibrate(file, self._tell(lesson))
-        taken = again.record.status == "calibrated" and _shows(again.record, lesson)
+        config = self._tell(lesson)
+        again, is_in_one_paint = self._calibrate(file, config), field_of(config)[0].is_in_one_paint
+        taken = again.record.status == "calibrated" and _shows(again.record, lesson, is_in_one_paint)
         answer: _Answer | None = again if taken else None
         if not taken and told is not None and told.taken:  # told something else, which no longer holds
             answer = self._calibrate(file, self.run.config)
@@ -236,8 +240,8 @@ def _differ(told: LearntRecord, lesson: Lesson) -> bool:
     return (told.field, told.added_bgr, told.frames) != (lesson.field, lesson.added_bgr, lesson.frames)
 
 
-def _shows(record: ResultRecord, lesson: Lesson) -> bool:
-    """Whether an answer has the paint of the run."""
+def _shows(record: ResultRecord, lesson: Lesson, is_in_one_paint: bool) -> bool:
+    """Whether an answer has the paint of the run, whose field may have all of its lines in one."""
     if record.paint is None:
-        return not load_field(lesson.field).is_in_one_paint
+        return not is_in_one_paint
     return bool(match_paint(np.array(record.paint.added_bgr, np.float64), np.array(lesson.added_bgr)))

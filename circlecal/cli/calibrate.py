@@ -113,6 +113,7 @@ def calibrate(
 def _notes(record: ResultRecord, config: Config) -> Iterator[str]:
     """What is said of a frame beside its row in the table."""
     from circlecal.camera.picture_shape import is_cut
+    from circlecal.config import find_template
 
     if record.near_limits:
         yield f"{record.id}: {record.status}, near a limit: {', '.join(record.near_limits)}"
@@ -125,10 +126,11 @@ def _notes(record: ResultRecord, config: Config) -> Iterator[str]:
         yield f"{record.id}: {asked}: {record.no_correspondences}"
     if record.fields:
         taken, *others = record.fields
-        if record.status == "calibrated" and taken.template != config.field.among[0]:
-            fitting = [other.template for other in others if other.status == "calibrated"]
+        named = find_template(config, taken.template)
+        if record.status == "calibrated" and named != config.field.among[0]:
+            fitting = [find_template(config, other.template) for other in others if other.status == "calibrated"]
             also = f"; {', '.join(fitting)} would fit, too" if fitting else ""
-            yield f"{record.id}: looks like {taken.sport}; --field {taken.template}{also}"
+            yield f"{record.id}: looks like {taken.sport}; --field {named}{also}"
         if record.sport is not None:
             name, share = record.sport.name, record.sport.probability or 0.0
             told = "nothing tells which sport it shows" if name is None else f"looks like {name} ({share:.0%} sure)"

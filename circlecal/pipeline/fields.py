@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from circlecal.config import AUTO, Config
+from circlecal.config import AUTO, Config, check_among
 from circlecal.errors import ConfigError
 from circlecal.field import Circle, FieldTemplate, load_field
 
@@ -19,12 +19,14 @@ def field_of(config: Config) -> tuple[FieldTemplate, Circle]:
     Raises
     ------
     ConfigError
-        Where the template or its circle does not exist. Of a field that pictures are to tell it is the first template.
+        Where the template or its circle does not exist, or one of ``field.among``. Of a field that pictures are to tell
+        it is the first template.
     """
     name = config.field.template
     if name == AUTO:
         if config.field.circle is not None or config.field.sizes:
             raise ConfigError("field.template: auto goes with neither field.circle nor field.sizes; name the field")
+        check_among(config.field.among)
         name = config.field.among[0]
     template = load_field(name, config.field.sizes)
     template = template.model_copy(update=_known_sizes(config))

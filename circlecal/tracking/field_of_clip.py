@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.config import AUTO, Config, suit_config
+from circlecal.config import AUTO, Config, find_template, suit_config
 from circlecal.errors import ConfigError
 from circlecal.pictures.interlacing import join_fields
 from circlecal.pictures.video import Sampling, Video, pictures_at
@@ -50,10 +50,11 @@ def name_field(videos: Sequence[Video], sampling: Sampling, config: Config) -> C
             told[found.field_name] += 1
         if told and told.most_common(1)[0][1] >= config.learning.least_frames:
             return suit_config(config, told.most_common(1)[0][0])
+    named = find_template(config, next(iter(told), "basketball"))
     seen = ", ".join(f"{name} in {count}" for name, count in told.most_common()) or "none in any"
     raise ConfigError(
         f"--field auto: fewer than {config.learning.least_frames} of the frames that were looked at agree on a field "
-        f"({seen}); name it, e.g. --field {next(iter(told), 'basketball')}"
+        f"({seen}); name it, e.g. --field {named}"
     )
 
 

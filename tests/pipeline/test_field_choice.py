@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from circlecal.config import Config, load_config, suit_config
+from circlecal.config import Config, find_template, load_config, suit_config
 from circlecal.errors import ConfigError
 from circlecal.field import load_field
+from circlecal.field.loading import field_folder
 from circlecal.observations import MarkingKey
 from circlecal.pipeline import calibrate_unknown_field, field_choice, field_of, likely_sport, run
 from circlecal.pipeline.field_choice import SETTLED_MARKINGS, Answer, choose_answer
@@ -158,6 +159,33 @@ def test_a_template_brings_its_options_under_those_that_were_set():
     suited = suit_config(given, "futsal")
     assert suited.camera.roll_sd_deg == 3.5
     assert suited == load_config("futsal", {"camera.roll_sd_deg": 3.5})
+
+
+def own_hall(folder, name="hall"):
+    """A file of one's own with the lines of futsal."""
+    own = folder / "hall.yaml"
+    own.write_text((field_folder() / "futsal.yaml").read_text().replace("name: futsal", f"name: {name}", 1))
+    return str(own)
+
+
+def test_a_field_of_ones_own_is_tried_like_the_others(tmp_path):
+    """Its name stands in the result, and was then looked for among the templates of the package."""
+    own = own_hall(tmp_path)
+    config = load_config(None, {"field.template": "auto", "field.among": ["soccer", own]})
+    picture = render_frame("wood", np.random.default_rng(1), 960, 540).image
+    found = calibrate_unknown_field(picture, config, frame_id="x")
+    assert (found.status, found.field_name) == ("calibrated", "hall")
+    assert [candidate.template for candidate in found.fields] == ["hall", "soccer"]
+    assert found.fields[0].evidence > 0.3
+    assert find_template(config, "hall") == own and suit_config(config, "hall").field.template == own
+
+
+@pytest.mark.parametrize(("name", "told"), [(None, "no such file"), ("soccer", "both named 'soccer'; rename one")])
+def test_a_field_among_others_that_cannot_be_told_is_refused_by_its_option(tmp_path, name, told):
+    own = str(tmp_path / "hall.yaml") if name is None else own_hall(tmp_path, name)
+    config = load_config(None, {"field.template": "auto", "field.among": ["soccer", own]})
+    with pytest.raises(ConfigError, match=f"^field.among: .*hall.yaml.*{told}"):
+        field_of(config)
 
 
 def test_circle_and_sizes_belong_to_a_field_that_is_named():
