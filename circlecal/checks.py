@@ -297,6 +297,9 @@ CHECKS: dict[str, Gate] = {
     "rival_ratio": Gate(
         "circle_open", "how many times more speaks for this circle of the field than for the next one", at_least=True
     ),
+    "other_field_ratio": Gate(
+        "other_field", "how many times more speaks for the likeliest other league's or sport's field than for this one"
+    ),
     "missing_markings": Gate(
         "paint_missing", "of a tracked frame: markings that should be in view and are not painted"
     ),

@@ -275,6 +275,12 @@ REFUSALS = _by_code(
             "Name the sport (--field); what was tried stands in the result under `fields`.",
         ),
         Refusal(
+            "other_field",
+            "the markings of another field are painted, not those of this one",
+            "The picture shows the field of another league, or of another sport; the reason names it.",
+            "Name the field that the reason names (--field), or let the picture tell it (--field auto).",
+        ),
+        Refusal(
             "paint_unexplained",
             "lines are painted on the field where this camera puts none",
             "The circle or the halfway line is another one, or the picture shows another sport's field.",

@@ -124,7 +124,11 @@ def calibrate_by_paint(
 
 
 def _is_open(first: FrameCalibration) -> bool:
-    """Whether an answer is refused, or little is painted of a field in one paint that nobody named."""
+    """Whether an answer is refused, or little is painted of a field in one paint that nobody named; where all lines
+    together show another field, those of one colour alone say less.
+    """
+    if first.verdict.code == "other_field":
+        return False
     if first.status != "calibrated" or first.template is None:
         return True
     evidence = first.fields[0].evidence if first.fields else None

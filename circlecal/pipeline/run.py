@@ -16,6 +16,7 @@ from circlecal.pipeline.doubtful_circle import refuse_bare_field, refuse_doubtfu
 from circlecal.pipeline.field_lines import FIELD_LINES, is_sure, look_for_field_lines
 from circlecal.pipeline.fields import field_of
 from circlecal.pipeline.other_circles import ARCS, OTHER_CIRCLES, mask_arcs
+from circlecal.pipeline.other_fields import refuse_other_field
 from circlecal.pipeline.painters import cover_painters
 from circlecal.pipeline.placed_field import PLACED_FIELD
 from circlecal.pipeline.placed_view import ALL_MARKINGS
@@ -90,6 +91,8 @@ def run(
         attempt = _calibrate_frame(setting, scene)
         attempt = refuse_doubtful(setting, ALL_MARKINGS.try_out(setting, scene, attempt) or attempt)
     attempt = cover_painters(setting, attempt)
+    # among several fields what speaks for each is compared afterwards
+    attempt = attempt if looks is not None else refuse_other_field(setting, scene, attempt)
     return replace(setting.calibration(attempt, frame_id, source), paint_bgr=_measure_paint(setting, scene, attempt))
 
 

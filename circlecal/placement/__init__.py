@@ -19,7 +19,13 @@ from circlecal.placement.paint_maps import (
     see_paint,
     see_surface,
 )
-from circlecal.placement.search import PlacedField, RoughPlacements, refine_placements, search_placements
+from circlecal.placement.search import (
+    PlacedField,
+    RoughPlacements,
+    lay_over_view,
+    refine_placements,
+    search_placements,
+)
 
 __all__ = [
     "Outlines",
@@ -30,6 +36,7 @@ __all__ = [
     "ViewEvidence",
     "add_rims",
     "distinct_circles",
+    "lay_over_view",
     "mean_distance_px",
     "refine_placements",
     "search_placements",

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from circlecal.detection.picture import Scaling
 from circlecal.field import FieldTemplate
 from circlecal.field.view import FieldView
 from circlecal.geometry.camera import Camera, pan_tilt_roll
@@ -111,6 +112,26 @@ class CameraBatch:
     own: NDArray[np.intp]
     seen: NDArray[np.intp]
     middle: Array
+
+    @classmethod
+    def of_view(cls, view: FieldView, own: int, scaling: Scaling) -> CameraBatch | None:
+        """The one camera of a view, about the template's circle of index ``own``, in a reduced picture; None where the
+        view has none.
+        """
+        camera = view.camera
+        if not isinstance(camera, Camera):
+            return None
+        size = np.array([camera.width, camera.height])
+        focal = float(np.mean(camera.focal_px / scaling.factor))
+        return cls(
+            camera.R[None],
+            camera.t[None],
+            np.log([focal]),
+            np.array([float(camera.kappa[0])]),
+            np.array([own]),
+            np.array([0]),
+            scaling.reduce((size - 1) / 2),
+        )
 
     def __len__(self) -> int:
         return len(self.own)

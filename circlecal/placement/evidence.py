@@ -72,6 +72,10 @@ class Outlines:
         """Whether the colour of any of them is told apart."""
         return bool(self.colours.any())
 
+    def suit(self, maps: RidgeMaps) -> Outlines:
+        """Those whose colours are told where the maps tell colours; any colour else."""
+        return self if len(maps.steps) > 1 else replace(self, colours=np.zeros_like(self.colours))
+
     def thin(self, step: int) -> Outlines:
         """Every so many nodes of each marking."""
         return replace(self, nodes=self.nodes[:, ::step])
@@ -190,6 +194,8 @@ class ViewEvidence:
         Share of the markings in the picture that lie on the playing surface; 1 where there are none.
     bare_widths : float
         Length in view of the longest marking that is not painted there, picture widths; 0 where all are.
+    found_widths : float
+        Length of the markings in view that lie on ridges, picture widths.
     """
 
     evidence: float
@@ -197,13 +203,14 @@ class ViewEvidence:
     explained_share: float
     surface_share: float = 1.0
     bare_widths: float = 0.0
+    found_widths: float = 0.0
 
 
 def weigh_view(view: FieldView, template: FieldTemplate, paint: SeenPaint) -> ViewEvidence:
     """What speaks for a camera: that what it predicts is painted, and what is painted is predicted."""
     maps = paint.maps
     reach = FINE_SHARE * maps.width
-    outlines = Outlines.of(template)
+    outlines = Outlines.of(template).suit(maps)
     pixels, ahead = _show_outlines(view, template, outlines, maps.scaling)
     samples, surface_share = _sample_on_surface(pixels, ahead, outlines, maps.region)
     lengths = _measure_markings(samples, maps, outlines.is_optional, reach)
@@ -215,6 +222,7 @@ def weigh_view(view: FieldView, template: FieldTemplate, paint: SeenPaint) -> Vi
         _share_on_markings(pixels, ahead, paint.structures.points, maps.region.shape, reach),
         surface_share,
         float(np.where(found < BARE_SHARE * total, total, 0.0).max(initial=0.0)) / maps.width,
+        float(found.sum()) / maps.width,
     )
 
 

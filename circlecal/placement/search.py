@@ -12,7 +12,14 @@ from circlecal.field import Circle, FieldTemplate
 from circlecal.field.view import FieldView
 from circlecal.geometry.projective import Array
 from circlecal.placement.camera_batch import CameraBatch, cameras_before_circles, join_cameras
-from circlecal.placement.evidence import FINE_SHARE, Outlines, sample_outlines, weigh_samples
+from circlecal.placement.evidence import (
+    FINE_SHARE,
+    Outlines,
+    ViewEvidence,
+    sample_outlines,
+    weigh_samples,
+    weigh_view,
+)
 from circlecal.placement.fit import fit_cameras
 from circlecal.placement.paint_maps import RidgeMaps, SeenPaint
 
@@ -148,6 +155,37 @@ def refine_placements(
         )
         for k in _distinct(fitted, score, outlines.nodes, maps, KEPT).tolist()
     ]
+
+
+def lay_over_view(
+    view: FieldView, circle: Circle, conic: Array, template: FieldTemplate, other: FieldTemplate, paint: SeenPaint
+) -> ViewEvidence:
+    """What speaks for a field that is laid where a view has another one, and moved onto the paint.
+
+    Parameters
+    ----------
+    view : FieldView
+        Where ``template`` is seen.
+    circle, conic : Circle, (3, 3) array
+        A circle or an arc of it, about which the field is laid, and where it was seen, pixels of the full picture.
+    template, other : FieldTemplate
+        The field of the view, and the one that is laid, which may be this one.
+    paint : SeenPaint
+        What stands out from the playing surface.
+
+    Returns
+    -------
+    ViewEvidence
+        Nothing where the view has no camera.
+    """
+    maps, outlines = paint.maps, Outlines.of(other).suit(paint.maps)
+    camera = CameraBatch.of_view(view, (*template.circles, *template.arcs).index(circle), maps.scaling)
+    if camera is None:
+        return ViewEvidence(0.0, 0.0, 0.0)
+    camera = camera if other is template else camera.suit(template, other)
+    reaches = maps.width * np.geomspace(MIDDLE_SHARE, FINE_SHARE, ROUNDS)
+    laid = fit_cameras(camera, [maps.scaling.reduce_conic(conic)], outlines, maps, reaches)
+    return weigh_view(laid.view(0, (view.camera.width, view.camera.height), maps.scaling.factor), other, paint)
 
 
 def _weigh_cameras(

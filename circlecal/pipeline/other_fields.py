@@ -1,0 +1,131 @@
+"""Whether another field than the one that was named explains the picture better: of another league, or of another sport
+where little was found.
+
+A court fits the picture of another league's with its circle, its border and what else lies alike, each a little beside
+its place, while other markings are missing. So every other field is laid where the accepted camera has this one, and
+moved onto the paint as this one is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from circlecal.config import TOLD_APART
+from circlecal.field import Circle, FieldTemplate, field_names, load_field
+from circlecal.geometry.conic_fits import fit_conic
+from circlecal.geometry.projective import Array
+from circlecal.pipeline.attempts import add_checks
+from circlecal.pipeline.field_paint import look_for_paint
+from circlecal.pipeline.placed_view import FEWEST_CARRYING, count_carrying
+from circlecal.pipeline.setting import Scene, Setting
+from circlecal.placement import ViewEvidence, lay_over_view, weigh_view
+from circlecal.results import Attempt, CameraFit, Check, Verdict
+
+FIELD_RATIO = 1.2
+"""How many times more must speak for another field, evidence times the share of the paint that it explains, for this
+one to be refused: of 17 right cameras of real rinks and courts the best other field of another size has 0.9 times as
+much, one of nearly these sizes 1.11; of cameras under a wrong league three of four real ones have 1.4 to 2.9, and seven
+of eight rendered ones 1.2 to 2.3.
+"""
+MORE_FOUND = 1.05
+"""How many times the length of markings that are painted another field must show. One with fewer markings in view
+leaves fewer of them bare, also where a laboratory paints no more than the circle and the line, which both explain alike
+(1.00 on a real robots' field); right leagues show 1.09 to 1.3 times as much as wrong ones.
+"""
+LEAST_EVIDENCE, LEAST_SHARE = 0.3, 0.55
+"""Evidence, picture widths, and share of its markings in view that are painted, without which no other field is
+believed: as of a field that is laid over the picture.
+"""
+NOTHING = 0.01
+"""Evidence that counts as none, picture widths: no ratio is larger than a hundred times that of another field."""
+ROUND = 72
+"""Places round a circle to which a conic is fitted."""
+
+
+def refuse_other_field(setting: Setting, scene: Scene, attempt: Attempt) -> Attempt:
+    """The attempt, refused where another field explains the picture clearly better than the one that was named; the
+    reason names it.
+    """
+    template, camera, mask = setting.template, attempt.camera, attempt.mask
+    if not (attempt.is_calibrated and has_leagues(template)) or camera is None or mask is None:
+        return attempt
+    circle = _find_circle(setting, attempt)
+    if mask.source != "detector" or circle is None:
+        return attempt
+    with setting.clock("verdict"):
+        paint = look_for_paint(scene, mask, setting.config, template)
+        conic = mask.conic if mask.conic is not None else _draw_conic(camera, circle, template)
+        if paint is None or conic is None:
+            return attempt
+        view = camera.view
+        laid = lay_over_view(view, circle, conic, template, template, paint)
+        own = max(weigh_view(view, template, paint), laid, key=_weigh)
+        rivals = {
+            other.name: lay_over_view(view, circle, conic, template, other, paint)
+            for other in _find_others(template, is_sport_told=count_carrying(attempt) > FEWEST_CARRYING)
+        }
+    believed = {name: _weigh(seen) for name, seen in rivals.items() if _is_believed(seen, own)}
+    best = max(believed, key=lambda name: believed[name], default=None)
+    ratio = 0.0 if best is None else believed[best] / max(_weigh(own), NOTHING)
+    check = Check.of("other_field_ratio", ratio, FIELD_RATIO)
+    attempt = add_checks(attempt, check)
+    if check.passed or best is None or attempt.verdict is None:
+        return attempt
+    reason = f"the picture looks like {best}: its markings are painted, and those of {template.name} are not"
+    return _refuse(attempt, reason)
+
+
+def has_leagues(template: FieldTemplate) -> bool:
+    """Whether the rules of the template's sport fix the sizes of its fields, so that other sizes are other fields: a
+    pitch of soccer has any within a range, and its camera estimates them.
+    """
+    sport = [other for other in map(load_field, field_names()) if other.sport == template.sport]
+    return all(field.length_range_m is None for field in (template, *sport))
+
+
+def _refuse(attempt: Attempt, reason: str) -> Attempt:
+    checks = () if attempt.verdict is None else attempt.verdict.checks
+    return replace(attempt, verdict=Verdict("refused", "other_field", reason, "verdict", checks))
+
+
+def _find_others(template: FieldTemplate, *, is_sport_told: bool) -> Iterator[FieldTemplate]:
+    """The other fields of the package that may be seen in a field's place: of its sport; and where a circle and a line
+    or two carry the camera, which are those of many sports, the usual ones of other sports on such a ground.
+    """
+    for name in field_names():
+        other = load_field(name)
+        if name == template.name or not has_leagues(other):
+            continue
+        is_on_ground = other.ground == template.ground or "any" in (other.ground, template.ground)
+        if other.sport == template.sport or (not is_sport_told and name in TOLD_APART and is_on_ground):
+            yield other
+
+
+def _find_circle(setting: Setting, attempt: Attempt) -> Circle | None:
+    """The circle that the camera lies about; None where it was fitted to none."""
+    template, camera = setting.template, attempt.camera
+    name = attempt.circle_name or setting.circle.name
+    is_fitted = camera is not None and any(key.name == name for key in camera.residuals_px)
+    return template.circle_by_name.get(name) if is_fitted else None
+
+
+def _draw_conic(camera: CameraFit, circle: Circle, template: FieldTemplate) -> Array | None:
+    """The conic (3, 3) nearest to a circle as a camera shows it; None where the picture does not show it."""
+    angle = np.linspace(0.0, 2.0 * np.pi, ROUND, endpoint=False)
+    shown = camera.view.project(camera.view.circle_points(circle, "center", angle, template))
+    shown = shown[np.isfinite(shown).all(axis=1)]
+    return fit_conic(shown) if camera.view.shows(shown).any() else None
+
+
+def _weigh(seen: ViewEvidence) -> float:
+    """What speaks for a field: evidence, picture widths, times the share of the paint that it explains."""
+    return max(0.0, seen.evidence) * seen.explained_share
+
+
+def _is_believed(seen: ViewEvidence, own: ViewEvidence) -> bool:
+    """Whether enough of what another field predicts is painted, and more than of what this one predicts."""
+    is_painted = seen.evidence >= LEAST_EVIDENCE and seen.found_share >= LEAST_SHARE
+    return is_painted and seen.found_widths >= MORE_FOUND * own.found_widths

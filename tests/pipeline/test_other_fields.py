@@ -1,0 +1,62 @@
+"""A court of another league than the one that was named."""
+
+import numpy as np
+import pytest
+
+from circlecal.config import load_config
+from circlecal.detection.picture import Scaling
+from circlecal.detection.ridges import RidgePoints
+from circlecal.field import load_field
+from circlecal.field.view import FieldView
+from circlecal.pipeline import calibrate_image
+from circlecal.pipeline.other_fields import FIELD_RATIO, has_leagues
+from circlecal.placement import Outlines, SeenPaint, SurfaceRidges, lay_over_view
+from circlecal.placement.paint_maps import _map_ridges
+from circlecal.synthetic.cameras import aim_camera
+from circlecal.synthetic.sampling import render_frame
+
+
+def calibrate_court(named, seed):
+    """A rendered NBA court, calibrated as that of a league."""
+    picture = render_frame("court", np.random.default_rng(seed), 1280, 720, load_field("basketball-nba")).image
+    return calibrate_image(picture, load_config(None, {"field.template": named}), frame_id="court")
+
+
+@pytest.mark.parametrize("seed", [4, 5])
+def test_a_court_of_another_league_is_refused_and_named(seed):
+    """Cameras of courts that were named wrongly were 20 to 37 px off, and said 2 to 7 px of themselves."""
+    found = calibrate_court("basketball", seed)
+    assert (found.status, found.verdict.code) == ("refused", "other_field")
+    assert "looks like basketball-nba:" in found.verdict.reason
+    assert found.verdict.check("other_field_ratio").value > FIELD_RATIO
+
+
+@pytest.mark.parametrize("seed", [4, 5])
+def test_the_league_that_was_named_is_calibrated(seed):
+    found = calibrate_court("basketball-nba", seed)
+    assert found.status == "calibrated"
+    assert found.verdict.check("other_field_ratio").value < 1.0
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [("basketball", True), ("ice-hockey", True), ("robocup", True), ("soccer", False), ("soccer-7", False)],
+)
+def test_sizes_that_vary_within_the_rules_make_no_league(name, expected):
+    assert has_leagues(load_field(name)) is expected
+
+
+def test_a_field_with_colours_is_laid_over_paint_of_which_none_is_told():
+    """A hall's lines are looked at without their colours, and a rink's circle is blue."""
+    futsal, rink = load_field("futsal"), load_field("ice-hockey")
+    rows, columns = 270, 480
+    points = np.stack([np.arange(100.0, 300.0), np.full(200, 140.0)], axis=-1)
+    ridges = RidgePoints(points, np.tile([0.0, 1.0], (200, 1)), np.ones(200, np.int64))
+    region, scaling = np.ones((rows, columns), np.bool_), Scaling(np.ones(2))
+    maps = _map_ridges(ridges, region, scaling, np.ones((1, 200), np.bool_))
+    paint = SeenPaint(SurfaceRidges(ridges, np.ones((1, 200), np.bool_), maps), (), np.ones(200, np.bool_))
+    camera = aim_camera(np.array([0.0, 20.0, -8.0]), np.zeros(3), 500.0, 0.0, columns, rows)
+    assert Outlines.of(rink).has_colours
+    conic = np.diag([1.0 / 60.0**2, 1.0 / 25.0**2, -1.0])
+    seen = lay_over_view(FieldView(camera), futsal.circles[0], conic, futsal, rink, paint)
+    assert np.isfinite(seen.evidence)
