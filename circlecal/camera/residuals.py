@@ -349,10 +349,8 @@ def curve_residuals(
         M points that are seen in the same view, each along x and along y.
     """
     count = feet.shape[1]
-    observed = np.swapaxes(curves.points_px, -1, -2)
-    if len(points.sigma_px):
-        at_points = np.broadcast_to(points.twice[1], (*observed.shape[:-1], 2 * len(points.sigma_px)))
-        observed = np.concatenate([observed, at_points], axis=-1)
+    observed = np.empty((*curves.points_px.shape[:-2], 2, count + 2 * len(points.sigma_px)))
+    observed[..., :count], observed[..., count:] = np.swapaxes(curves.points_px, -1, -2), points.twice[1]
     limit = curves.largest_move
     for step in range(updates + 2):
         places, tangents, outward = _points_on_markings(curves, feet, theta, points)

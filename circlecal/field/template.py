@@ -302,9 +302,14 @@ class FieldTemplate(BaseModel):
             "lines": tuple(move(line, "start", "end") for line in self.lines),
             "marks": tuple(move(mark, "position") for mark in self.marks),
         }
-        # a copy would keep what was derived from the old places
-        kept = {name: getattr(self, name) for name in type(self).model_fields}
-        return FieldTemplate.model_construct(**(kept | elsewhere))
+        return self.model_copy(update=elsewhere)
+
+    def __copy__(self) -> FieldTemplate:
+        """The template without what was derived from it, which need not hold for a copy that is changed."""
+        copied = super().__copy__()
+        for name in copied.__dict__.keys() - type(self).model_fields.keys():
+            del copied.__dict__[name]
+        return copied
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, FieldTemplate):
@@ -366,18 +371,30 @@ class FieldTemplate(BaseModel):
         return circle.radius_m + (position[edge] - position[circle.edge]) * width
 
     def line_ends(self, line: Line, marking_width_m: float | None = None) -> Array:
-        """Ends (2, 2) of the centreline of a straight marking, metres."""
-        width = self.paint_width(line, marking_width_m)
-        shift = np.asarray(line.paint, dtype=np.float64) * width / 2
-        return np.array([line.start, line.end], dtype=np.float64) + shift
+        """Ends (2, 2) of the centreline of a straight marking, metres, not to be written to."""
+        return self.line_places[line.name][0] if marking_width_m is None else self._draw_line(line, marking_width_m)
 
     def line_shift(self, line: Line) -> Array:
-        """How the centreline of a straight marking moves (3, 2): metres per metre of marking width, of length and of
-        width of the field.
+        """How the centreline of a straight marking moves (3, 2), not to be written to: metres per metre of marking
+        width, of length and of width of the field.
 
         Markings parallel to the halfway line go with the length, the touchlines with the width; sizes inside the
         penalty areas are fixed.
         """
+        return self.line_places[line.name][1]
+
+    @cached_property
+    def line_places(self) -> dict[str, tuple[Array, Array]]:
+        """Ends (2, 2) and shift (3, 2) of each straight marking by its name, as of :meth:`line_ends` and
+        :meth:`line_shift`.
+        """
+        return {line.name: (_keep(self._draw_line(line)), _keep(self._shift_line(line))) for line in self.lines}
+
+    def _draw_line(self, line: Line, marking_width_m: float | None = None) -> Array:
+        shift = np.asarray(line.paint, dtype=np.float64) * self.paint_width(line, marking_width_m) / 2
+        return np.array([line.start, line.end], dtype=np.float64) + shift
+
+    def _shift_line(self, line: Line) -> Array:
         (x0, y0), (x1, y1) = line.start, line.end
         shift = np.zeros((3, 2))
         if line.width_m is None:
@@ -411,9 +428,8 @@ class FieldTemplate(BaseModel):
         """Ends (T, 2, 2) and shifts (T, 3, 2) of all straight markings, as of :meth:`line_ends` and
         :meth:`line_shift`.
         """
-        ends = [self.line_ends(line) for line in self.lines]
-        shifts = [self.line_shift(line) for line in self.lines]
-        return np.array(ends).reshape(-1, 2, 2), np.array(shifts).reshape(-1, 3, 2)
+        ends, shifts = zip(*self.line_places.values(), strict=True) if self.lines else ((), ())
+        return _keep(np.array(ends).reshape(-1, 2, 2)), _keep(np.array(shifts).reshape(-1, 3, 2))
 
     @cached_property
     def outlines(self) -> tuple[tuple[str, ...], Array, Array]:
@@ -433,16 +449,16 @@ class FieldTemplate(BaseModel):
         names = tuple(element.name for element in (*round_ones, *self.lines))
         round_shifts = np.array([self.place_shift(circle.center) for circle in round_ones]).reshape(-1, 3, 2)
         points = np.concatenate([np.array(curves).reshape(-1, NODES, 2), straight])
-        return names, points, np.concatenate([round_shifts, shifts])
+        return names, _keep(points), _keep(np.concatenate([round_shifts, shifts]))
 
     def growth_of(self, marking_m: Array) -> tuple[Array, Array]:
-        """How a marking (N, 2) goes with the length and the width of the field, which change its points along x and y:
-        metres per metre by which it moves (2,), and by which each metre of its coordinates stretches (2,).
+        """How markings (..., N, 2) go with the length and the width of the field, which change their points along x and
+        y: metres per metre by which each moves (..., 2), and by which each metre of its coordinates stretches (..., 2).
 
         What bounds the field, or reaches from side to side, stretches; what belongs to one end moves with it.
         """
         size = np.array([self.length_m, self.width_m])
-        low, high = marking_m.min(axis=0), marking_m.max(axis=0)
+        low, high = marking_m.min(axis=-2), marking_m.max(axis=-2)
         reaches = np.maximum(-low, high) >= size / 2 - self.marking_width_m
         is_beside = low * high > 0
         moves = np.where(is_beside & (reaches | (True, False)), np.sign(low) / 2.0, 0.0)
@@ -476,3 +492,9 @@ class FieldTemplate(BaseModel):
         radius = self.radius(circle, "center")
         count = max(8, int(np.ceil(np.radians(end_deg - start_deg) * radius / step_m)) + 1)
         return self.curve_points(circle, "center", np.radians(np.linspace(start_deg, end_deg, count)))
+
+
+def _keep(values: Array) -> Array:
+    """What all pictures of a field share, which none may write to."""
+    values.setflags(write=False)
+    return values

@@ -156,12 +156,12 @@ class FieldView(ShortRepr):
         return {name: self.grow(polyline, template) for name, polyline in drawn.items()}
 
     def grow(self, marking_m: Array, template: FieldTemplate) -> Array:
-        """A marking (N, 2) of the template where this longer and broader field has it.
+        """Markings (..., N, 2) of the template where this longer and broader field has them.
 
         See :meth:`circlecal.field.template.FieldTemplate.growth_of`.
         """
         moves, stretches = template.growth_of(marking_m)
-        return np.asarray(marking_m + self.growth_m * (moves + stretches * marking_m))
+        return np.asarray(marking_m + self.growth_m * (moves[..., None, :] + stretches[..., None, :] * marking_m))
 
     def center_of(self, circle: Circle, template: FieldTemplate) -> Array:
         """Centre (2,) of a circle or an arc of the template on this longer and broader field, metres."""

@@ -99,7 +99,7 @@ def _predict_sigmas(fit: CameraFit, drawn: PredictedMarkings, shifts: Array) -> 
 
 def _grow(view: FieldView, nodes: Array, template: FieldTemplate) -> Array:
     """Nodes (K, N, 2) of markings where a longer and broader field has them."""
-    return np.array([view.grow(marking, template) for marking in nodes]) if np.any(view.growth_m) else nodes
+    return view.grow(nodes, template) if np.any(view.growth_m) else nodes
 
 
 def _open_shares(fit: CameraFit, nodes: Array, template: FieldTemplate) -> Array:

@@ -29,7 +29,9 @@ def field_of(config: Config) -> tuple[FieldTemplate, Circle]:
         check_among(config.field.among)
         name = config.field.among[0]
     template = load_field(name, config.field.sizes)
-    template = template.model_copy(update=_known_sizes(config))
+    known_sizes = _known_sizes(config)
+    if known_sizes:  # else what was derived from the template holds for all pictures
+        template = template.model_copy(update=known_sizes)
     name = config.field.circle or template.default_circle
     circle = template.circle_by_name.get(name)
     if not name:

@@ -239,7 +239,7 @@ def _show_outlines(
     view: FieldView, template: FieldTemplate, outlines: Outlines, scaling: Scaling
 ) -> tuple[Array, Mask]:
     """Places (K, N, 2) along K markings in a reduced picture, and which of them lie before the camera (K, N)."""
-    pixels = view.project(np.array([view.grow(outline, template) for outline in outlines.nodes]))
+    pixels = view.project(view.grow(outlines.nodes, template))
     ahead = np.array(np.isfinite(pixels).all(axis=-1), np.bool_)
     return scaling.reduce(np.nan_to_num(pixels, nan=-1e6)), ahead
 
