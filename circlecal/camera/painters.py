@@ -8,6 +8,7 @@ the errors by ``C J^T R``.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -152,13 +153,17 @@ class _WeighedProblem:
             np.array([cost]), gradient[None], normal[None], alone[None],
         )  # fmt: skip
 
+    def narrow(self, index: Indices) -> Self:
+        """There is a single start."""
+        return self
+
     def step(self, state: _Weighed, damping: Array) -> Step:
         """The step of a camera that its errors follow."""
         return self.problem.step(state, damping)
 
-    def follow(self, state: _Weighed, step: Step, index: Indices) -> _Weighed:
+    def follow(self, state: _Weighed, step: Step) -> _Weighed:
         """The camera where a step has led it."""
-        return self.weigh(self.problem.follow(state, step, index))
+        return self.weigh(self.problem.follow(state, step))
 
     def bend(self, state: _Weighed, step: Step, proposal: _Weighed) -> None:
         """Steps are short."""

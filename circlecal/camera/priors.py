@@ -244,8 +244,18 @@ class Priors:
         return bool((self.sd[: _POSITION.stop] > 0).all())
 
     def center_of(self, theta: Array) -> Array:
-        """What the cameras look at, (B, 2) metres, on the field of the size that theta (B, P) has."""
-        return np.asarray(self.center_m + self.center_by_growth * theta[:, _GROWTH])
+        """What the cameras look at, metres, on the field of the size that theta (B, P) has: (B, 2), or (1, 2) where it
+        is one place for all.
+        """
+        return self.center_m + self.center_by_growth * theta[:, _GROWTH] if self._has_moving_center else self._center
+
+    @cached_property
+    def _has_moving_center(self) -> bool:
+        return bool(self.center_by_growth.any())
+
+    @cached_property
+    def _center(self) -> Array:
+        return np.asarray(self.center_m, dtype=np.float64)[None]
 
     def residuals(self, theta: Array) -> tuple[Array, Array]:
         """Normalised residuals (B, K) and their Jacobian (B, K, P)."""

@@ -122,7 +122,7 @@ class Problem:
         """By how much the loss takes residuals down, ``1 / (1 + r^2 / s^2)``; its square is their weight."""
         return np.asarray(1.0 / (1.0 + values * values / self.loss_scale**2))
 
-    def hypotheses(self, index: Indices) -> Problem:
+    def narrow(self, index: Indices) -> Problem:
         """Some of the hypotheses about the curves, in their order, where there are several."""
         is_all = self.curves.sigma_px.ndim == 1 or len(index) == len(self.curves.sigma_px)
         return self if is_all else replace(self, curves=self.curves.hypotheses(index))
@@ -134,8 +134,7 @@ class Problem:
         usable: Mask = np.zeros(len(damping), dtype=bool)
         viewing, by_straight = theta[:, :VIEWING], _IDENTITY
         if priors.is_camera_free:
-            viewing, by_viewing = to_viewing_with_jacobian(theta, priors.center_of(theta))
-            usable = np.isfinite(viewing.sum(axis=1) + by_viewing.sum(axis=(1, 2)))
+            viewing, by_viewing, usable = to_viewing_with_jacobian(theta, priors.center_of(theta))
             by_straight = np.empty(normal.shape)
             by_straight[:] = _IDENTITY
             by_straight[:, :VIEWING, :VIEWING] = by_viewing
@@ -145,26 +144,28 @@ class Problem:
             # by the chain rule the gradient becomes T^T g and the matrix T^T N T
             turned = by_straight.swapaxes(1, 2)
             gradient, normal = turned @ gradient, turned @ normal @ by_straight
+        are_all_usable = bool(usable.all())
         block, slope = normal[:, active[:, None], active], gradient[:, active, 0]
         change, undamped = _solve_both(block, slope, damping)
         full = np.zeros(theta.shape)
         full[:, active] = change
-        size = np.abs(full[:, :VIEWING])
-        largest = (size * _CAUTIOUS[np.where(usable, 0, 1)]).max(axis=1)
-        shortening = np.maximum(largest / LARGEST_STEP, 1.0)[:, None]
-        change, full = change / shortening, full / shortening
+        cautious = _CAUTIOUS[0] if are_all_usable else _CAUTIOUS[np.where(usable, 0, 1)]
+        largest = (np.abs(full[:, :VIEWING]) * cautious).max(axis=1)
+        if not (largest <= LARGEST_STEP).all():
+            shortening = np.maximum(largest / LARGEST_STEP, 1.0)[:, None]
+            change, full = change / shortening, full / shortening
         there = theta + full
-        if usable.any():
+        if are_all_usable or usable.any():
             seen = from_viewing(viewing + full[:, :VIEWING], priors.center_of(there))
-            there[:, :VIEWING] = seen if usable.all() else np.where(usable[:, None], seen, there[:, :VIEWING])
+            there[:, :VIEWING] = seen if are_all_usable else np.where(usable[:, None], seen, there[:, :VIEWING])
         there[:, 0] = np.minimum(np.maximum(there[:, 0], LOG_FOCAL_RANGE[0]), LOG_FOCAL_RANGE[1])
         full = (by_straight @ full[..., None])[..., 0]
         # what an undamped step promises is the same in all coordinates
         return Step(there, full, predict_decrease(block, slope, change), -(undamped * slope).sum(axis=1))
 
-    def follow(self, state: State, step: Step, index: Indices) -> State:
-        """The starts at an index where a step has led them."""
-        return evaluate(self.hypotheses(index), step.parameters[index], state.feet[index])
+    def follow(self, state: State, step: Step) -> State:
+        """The starts where a step has led them."""
+        return evaluate(self, step.parameters, state.feet)
 
     def bend(self, state: State, step: Step, proposal: State) -> State:
         """States whose gradient holds by how much the residuals that a step led to differ from the linear model, with
@@ -189,14 +190,13 @@ class Problem:
 
 def _solve_both(block: Array, slope: Array, damping: Array) -> tuple[Array, Array]:
     """Changes (B, Q) by steps of some damping (B,), and by those as good as undamped."""
-    count = len(damping)
     if (damping == LEAST_DAMPING).all():
         change = -solve_damped(block, slope, damping)
         return change, change
-    both = np.full(2 * count, LEAST_DAMPING)
-    both[:count] = damping
-    changes = -solve_damped(np.concatenate([block, block]), np.concatenate([slope, slope]), both)
-    return changes[:count], changes[count:]
+    both = np.full((2, len(damping)), LEAST_DAMPING)
+    both[0] = damping
+    change, undamped = -solve_damped(block, slope, both)
+    return change, undamped
 
 
 def evaluate(problem: Problem, theta: Array, feet: Array, updates: int = 0) -> State:

@@ -16,7 +16,7 @@ from functools import lru_cache
 import numpy as np
 
 from circlecal.geometry.camera_parameters import rotations
-from circlecal.geometry.projective import Array
+from circlecal.geometry.projective import Array, Mask
 
 VIEWING = 7
 """The first seven parameters are replaced: log focal length, u, v, roll, log distance, azimuth, elevation."""
@@ -34,20 +34,21 @@ def to_viewing(theta: Array, center_m: Array) -> Array:
     return _viewing_coordinates(theta, offset, seen)
 
 
-def to_viewing_with_jacobian(theta: Array, center_m: Array) -> tuple[Array, Array]:
-    """:func:`to_viewing` and :func:`viewing_jacobian` together, not to be written to."""
+def to_viewing_with_jacobian(theta: Array, center_m: Array) -> tuple[Array, Array, Mask]:
+    """:func:`to_viewing`, :func:`viewing_jacobian` and whether both are finite (B,), not to be written to."""
     return _look_from(theta.tobytes(), theta.shape[1], center_m.astype(np.float64, copy=False).tobytes())
 
 
 @lru_cache(maxsize=4)
-def _look_from(theta: bytes, width: int, center_m: bytes) -> tuple[Array, Array]:
+def _look_from(theta: bytes, width: int, center_m: bytes) -> tuple[Array, Array, Mask]:
     """Viewing coordinates and their Jacobian, kept for the next steps: two of five begin where the last one did."""
     rows, center = np.frombuffer(theta).reshape(-1, width), np.frombuffer(center_m).reshape(-1, 2)
     R, offset, seen = _toward(rows, center)
-    found = _viewing_coordinates(rows, offset, seen), _jacobian(rows, R, offset, seen)
-    for values in found:
+    viewing, by_viewing = _viewing_coordinates(rows, offset, seen), _jacobian(rows, R, offset, seen)
+    usable: Mask = np.isfinite(viewing.sum(axis=1) + by_viewing.sum(axis=(1, 2)))
+    for values in (viewing, by_viewing, usable):
         values.setflags(write=False)
-    return found
+    return viewing, by_viewing, usable
 
 
 def _toward(theta: Array, center_m: Array) -> tuple[Array, Array, Array]:

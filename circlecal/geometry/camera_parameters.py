@@ -105,8 +105,16 @@ def theta_of(camera: Camera, model: ProjectionModel, crown_m: float = 0.0) -> Ar
 
 
 def rotations(theta: Array) -> Array:
-    """World-to-camera rotations (B, 3, 3)."""
-    return rotations_by(theta[:, ANGLES])
+    """World-to-camera rotations (B, 3, 3), not to be written to."""
+    return _rotations_of(theta[:, ANGLES].tobytes())
+
+
+@lru_cache(maxsize=16)
+def _rotations_of(angles: bytes) -> Array:
+    """Rotations by angles (B, 3), kept since half of them are asked for again: by a step after what led to it."""
+    found = rotations_by(np.frombuffer(angles).reshape(-1, 3))
+    found.setflags(write=False)
+    return found
 
 
 def homographies(theta: Array, model: ProjectionModel) -> Array:

@@ -8,6 +8,7 @@ scales with the diagonal of the normal equations (Marquardt 1963).
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Generic, Protocol, Self, TypeVar
@@ -103,6 +104,11 @@ class Batch:
         names = _names(self)
         return other if len(index) == len(getattr(self, names[0])) else type(self)(*map(replace_rows, names))
 
+    def join(self, others: Sequence[Self]) -> Self:
+        """The batch with others behind it."""
+        parts = (self, *others)
+        return type(self)(*(np.concatenate([getattr(part, name) for part in parts]) for name in _names(self)))
+
 
 def _names(batch: Batch) -> tuple[str, ...]:
     return tuple(batch.__dataclass_fields__)  # type: ignore[attr-defined]  # every subclass is a dataclass
@@ -120,6 +126,9 @@ class State(Protocol):
 
     def put(self, index: Indices, other: Self) -> Self:
         """The batch with others at an index."""
+
+    def join(self, others: Sequence[Self]) -> Self:
+        """The batch with others behind it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,11 +159,14 @@ S = TypeVar("S", bound=State)
 class Problem(Protocol[S]):
     """What is minimised: B least-squares problems of one shape."""
 
+    def narrow(self, index: Indices) -> Problem[S]:
+        """The problem of the starts at an index alone."""
+
     def step(self, state: S, damping: Array) -> Step:
         """The step with a share ``damping`` (B,) of the diagonal added to the normal equations."""
 
-    def follow(self, state: S, step: Step, index: Indices) -> S:
-        """The starts at an index where a step has led them: residuals and normal equations anew."""
+    def follow(self, state: S, step: Step) -> S:
+        """The starts where a step has led them: residuals and normal equations anew."""
 
     def bend(self, state: S, step: Step, proposal: S) -> S | None:
         """States whose steps take in by how much the residuals that a step led to differ from the linear model; None
@@ -177,6 +189,10 @@ class OneStart:
     def put(self, index: Indices, other: Self) -> Self:
         """The other state, where the only start is at the index."""
         return other if len(index) else self
+
+    def join(self, others: Sequence[Self]) -> Self:
+        """The only start: there are no others."""
+        return self
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,6 +251,10 @@ class DenseProblem(ABC):
         """Parameters (B, P) after a change (B, Q)."""
         return parameters + change
 
+    def narrow(self, index: Indices) -> Self:
+        """All starts have one problem."""
+        return self
+
     def gauge(self, state: NormalState) -> Array | float:
         """Term (B, Q, Q) of the normal equations that holds what no residual depends on; it is not damped."""
         return 0.0
@@ -247,9 +267,9 @@ class DenseProblem(ABC):
         promise = predict_decrease(state.normal, state.gradient, change)
         return Step(self.move(state.parameters, change), change, promise, promise)
 
-    def follow(self, state: NormalState, step: Step, index: Indices) -> NormalState:
-        """States where a step has led the starts at an index, evaluated anew."""
-        return self.evaluate(step.parameters[index])
+    def follow(self, state: NormalState, step: Step) -> NormalState:
+        """States where a step has led, evaluated anew."""
+        return self.evaluate(step.parameters)
 
     def bend(self, state: NormalState, step: Step, proposal: NormalState) -> NormalState | None:
         """Residuals are not kept."""
@@ -285,10 +305,13 @@ def minimise(problem: Problem[S], state: S, rule: StoppingRule) -> Solution[S]:
     rule : StoppingRule
         When each of them has arrived.
     """
-    damping = np.full(len(state.cost), FIRST_DAMPING)
-    trusted: Mask = np.ones(len(damping), dtype=bool)
-    before = np.full(len(damping), LEAST_PROMISE)
-    bent = arrived = beaten = settled = np.zeros(len(damping), dtype=bool)
+    live: Indices = np.arange(len(state.cost))
+    gone: list[_Gone[S]] = []
+    damping = np.full(len(live), FIRST_DAMPING)
+    before = np.full(len(live), LEAST_PROMISE)
+    trusted: Mask = np.ones(len(live), dtype=bool)
+    bent = beaten = np.zeros(len(live), dtype=bool)
+    least, has_settled = np.inf, False
     aim, straight = state, None
     for iteration in range(rule.iterations):
         step = problem.step(aim, damping)
@@ -300,32 +323,61 @@ def minimise(problem: Problem[S], state: S, rule: StoppingRule) -> Solution[S]:
             left = promise * np.minimum(np.maximum(promise / before, rule.contraction), 1.0)
         settled = left <= rule.tolerance * np.minimum(state.cost, rule.unit)
         arrived = settled | (damping > LAST_DAMPING) | (state.cost < EXACT)
-        beaten = state.cost - ABOUT_RIGHT * promise > min(state.cost.min() + HOPELESS, rule.bar)
-        if (arrived | beaten).all():
-            ends = _ends(state, settled, arrived, beaten)
-            if rule.last_step and settled.any():
-                advanced = problem.extrapolate(state, step)
-                state = state.put(np.flatnonzero(settled), advanced.select(settled))
-            return Solution(state, iteration, ends)
+        least, has_settled = min(least, float(state.cost.min())), has_settled or bool(settled.any())
+        beaten = state.cost - ABOUT_RIGHT * promise > min(least + HOPELESS, rule.bar)
         # which one is best is not sure before one has settled
-        left_alone = arrived | (beaten & settled.any())
-        going = np.flatnonzero(~left_alone)
-        proposal = problem.follow(state, step, going)
-        gain = state.cost[going] - proposal.cost
+        over = arrived | beaten
+        is_last = bool(over.all())
+        over = over if is_last or has_settled else arrived
+        if over.any():
+            end = state
+            if rule.last_step and settled.any():
+                end = state.put(np.flatnonzero(settled), problem.extrapolate(state, step).select(settled))
+            flags = (flag[over] for flag in (state.cost < EXACT, settled, arrived, beaten))
+            gone.append(_Gone(live[over], end.select(over), _tell_ends(*flags)))
+            if is_last:
+                return _gather(gone, iteration)
+            going = np.flatnonzero(~over)
+            problem, state, step = problem.narrow(going), state.select(going), step.select(going)
+            live, damping, before = live[going], damping[going], before[going]
+            trusted, bent, beaten = trusted[going], bent[going], beaten[going]
+        proposal = problem.follow(state, step)
+        gain = state.cost - proposal.cost
         better = np.asarray(gain > 0)
-        kept = gain / np.maximum(step.promise[going], LEAST_PROMISE)
-        change = _change_damping(kept, better, trusted[going], bent[going])
-        again = ~better & ~bent[going] & (proposal.cost < BENT_TIMES * state.cost[going])
-        index = going[again]
-        turned = problem.bend(state.select(index), step.select(index), proposal.select(again)) if len(index) else None
-        bent = np.zeros(len(damping), dtype=bool)
+        kept = gain / np.maximum(step.promise, LEAST_PROMISE)
+        change = _change_damping(kept, better, trusted, bent)
+        again = ~better & ~bent & (proposal.cost < BENT_TIMES * state.cost)
+        index = np.flatnonzero(again)
+        turned = problem.bend(state.select(index), step.select(index), proposal.select(index)) if len(index) else None
+        bent = np.zeros(len(live), dtype=bool)
         if turned is not None:
-            bent[index], change[again] = True, 1.0
-        damping[going] = np.maximum(damping[going] * change, LEAST_DAMPING)
-        trusted[going], before[going] = better, np.maximum(promise[going], LEAST_PROMISE)
-        state = state.put(going[better], proposal.select(better))
+            bent[index], change[index] = True, 1.0
+        damping = np.maximum(damping * change, LEAST_DAMPING)
+        trusted, before = better, np.maximum(step.full_promise, LEAST_PROMISE)
+        state = state.put(np.flatnonzero(better), proposal.select(better))
         aim, straight = (state, None) if turned is None else (state.put(index, turned), step)
-    return Solution(state, rule.iterations, _ends(state, settled, arrived, beaten))
+    nothing = np.zeros(len(live), dtype=bool)
+    gone.append(_Gone(live, state, _tell_ends(state.cost < EXACT, nothing, nothing, beaten)))
+    return _gather(gone, rule.iterations)
+
+
+@dataclass(frozen=True, slots=True)
+class _Gone(Generic[S]):
+    """Starts that are not followed further, by their numbers: where they ended, and why each of them did."""
+
+    numbers: Indices
+    state: S
+    ends: tuple[End, ...]
+
+
+def _gather(gone: list[_Gone[S]], iterations: int) -> Solution[S]:
+    """All starts in the order in which they were given."""
+    if len(gone) == 1:
+        return Solution(gone[0].state, iterations, gone[0].ends)
+    order = np.argsort(np.concatenate([part.numbers for part in gone]))
+    ends = [end for part in gone for end in part.ends]
+    state = gone[0].state.join([part.state for part in gone[1:]]).select(order)
+    return Solution(state, iterations, tuple(ends[k] for k in order))
 
 
 def _change_damping(kept: Array, better: Mask, trusted: Mask, bent: Mask) -> Array:
@@ -346,8 +398,7 @@ def _keep_promise(step: Step, straight: Step, bent: Mask) -> Step:
     return replace(step, promise=promise, full_promise=full)
 
 
-def _ends(state: State, settled: Mask, arrived: Mask, beaten: Mask) -> tuple[End, ...]:
-    exact = state.cost < EXACT
+def _tell_ends(exact: Mask, settled: Mask, arrived: Mask, beaten: Mask) -> tuple[End, ...]:
     return tuple(
         End.EXACT if e else End.SETTLED if s else End.STUCK if a else End.BEATEN if b else End.LIMIT
         for e, s, a, b in zip(exact, settled, arrived, beaten, strict=True)
@@ -355,14 +406,18 @@ def _ends(state: State, settled: Mask, arrived: Mask, beaten: Mask) -> tuple[End
 
 
 def solve_damped(normal: Array, gradient: Array, damping: Array, gauge: Array | float = 0.0) -> Array:
-    """Solutions (B, P) of normal equations (B, P, P) with a share (B,) of their diagonal added to it (Marquardt)."""
+    """Solutions (..., B, P) of normal equations (B, P, P) with shares (..., B) of their diagonal added to it
+    (Marquardt).
+    """
     index = np.arange(normal.shape[-1])
-    damped = normal + gauge
-    damped[:, index, index] += damping[:, None] * (normal[:, index, index] + 1e-12)
+    damped = np.empty((*damping.shape, *normal.shape[1:]))
+    damped[:] = normal + gauge
+    damped[..., index, index] += damping[..., None] * (normal[:, index, index] + 1e-12)
+    right = gradient[..., None]
     try:
-        found = np.linalg.solve(damped, gradient[..., None])
+        found = np.linalg.solve(damped, right)
     except np.linalg.LinAlgError:
-        found = np.linalg.pinv(damped, hermitian=True) @ gradient[..., None]
+        found = np.linalg.pinv(damped, hermitian=True) @ right
     return np.asarray(found[..., 0], dtype=np.float64)
 
 

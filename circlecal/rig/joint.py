@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -186,6 +187,10 @@ class JointProblem:
         """The problem under a robust loss of another scale."""
         return replace(self, frames=tuple(replace(frame, loss_scale=loss_scale) for frame in self.frames))
 
+    def narrow(self, index: Indices) -> Self:
+        """There is a single start."""
+        return self
+
     def step(self, state: JointState, damping: Array) -> Step:
         """One damped step with the frames' own blocks eliminated: the Schur complement of the arrow.
 
@@ -208,7 +213,7 @@ class JointProblem:
         arrow = Arrow(state.H_oo, state.H_oc, whole, state.g_o, g_c)
         return arrow.step(state.own, state.common, own_change, change)
 
-    def follow(self, state: JointState, step: Step, index: Indices) -> JointState:
+    def follow(self, state: JointState, step: Step) -> JointState:
         """The frames where a step has led them, each with its own parameters adjusted to what is shared."""
         own, common = np.split(step.parameters[0], [state.own.size])
         found = evaluate_joint(self, own.reshape(state.own.shape), common, state.feet)
@@ -222,7 +227,7 @@ class JointProblem:
 
     def extrapolate(self, state: JointState, step: Step) -> JointState:
         """The state after a step, evaluated: the frames' own parameters follow a moved position along a bent path."""
-        return self.follow(state, step, np.zeros(1, dtype=np.int_))
+        return self.follow(state, step)
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -266,6 +267,10 @@ class _TripodSteps:
     problem: TripodProblem
     loss_scale: float
 
+    def narrow(self, index: Indices) -> Self:
+        """There is a single start."""
+        return self
+
     def step(self, state: TripodState, damping: Array) -> Step:
         """One damped step of the heads and of the common parameters, the heads' blocks eliminated."""
         problem, normal = self.problem, state.normal
@@ -280,7 +285,7 @@ class _TripodSteps:
         arrow = Arrow(normal.H_oo, normal.H_oc, normal.H_cc + problem.precision, normal.g_o, slope_c)
         return arrow.step(state.heads, state.common, heads, common)
 
-    def follow(self, state: TripodState, step: Step, index: Indices) -> TripodState:
+    def follow(self, state: TripodState, step: Step) -> TripodState:
         """The state where a step has led, evaluated anew."""
         heads, common = np.split(step.parameters[0], [state.heads.size])
         return self.problem.evaluate(heads.reshape(state.heads.shape), common, self.loss_scale)
@@ -301,5 +306,5 @@ class _TripodSteps:
 
     def extrapolate(self, state: TripodState, step: Step) -> TripodState:
         """The state after a step that is not worth another one, evaluated; the state itself where that raises it."""
-        ahead = self.follow(state, step, np.zeros(1, dtype=np.int_))
+        ahead = self.follow(state, step)
         return ahead if ahead.cost[0] < state.cost[0] else state

@@ -189,7 +189,7 @@ def test_a_step_that_leads_nowhere_leaves_the_fit_where_it_is(monkeypatch):
     base = problem_of(seen, chosen, loss_scale=np.inf)
     state = minimise(base, theta[None])
     nowhere = replace(state, values=np.full_like(state.values, np.nan), jacobian=np.full_like(state.jacobian, np.nan))
-    monkeypatch.setattr(Problem, "follow", lambda self, state, step, index: nowhere)
+    monkeypatch.setattr(Problem, "follow", lambda self, state, step: nowhere)
     found, added = weigh_errors(base, state, SOCCER.model_copy(update={"placement_sd_m": 0.02}))
     np.testing.assert_array_equal(found.theta[0], state.theta[0])
     assert np.isfinite(added).all()

@@ -113,10 +113,10 @@ def test_straight_above_the_centre_there_is_no_derivative():
 def test_one_camera_by_itself_gives_what_it_gives_among_others():
     theta, center = _cameras(np.random.default_rng(3)), np.array([0.3, -0.2])
     theta[7, 5] = -60.0  # what it looks at lies behind it
-    viewing, jacobian = to_viewing_with_jacobian(theta, center)
+    viewing, jacobian, _ = to_viewing_with_jacobian(theta, center)
     assert np.isnan(viewing[7]).any()
     for k in range(len(theta)):
-        alone, by_alone = to_viewing_with_jacobian(theta[k : k + 1], center)
+        alone, by_alone, _ = to_viewing_with_jacobian(theta[k : k + 1], center)
         np.testing.assert_allclose(alone[0], viewing[k], rtol=1e-14)
         np.testing.assert_allclose(by_alone[0], jacobian[k], rtol=1e-12, atol=1e-15)
         np.testing.assert_allclose(from_viewing(alone, center)[0], from_viewing(viewing, center)[k], rtol=1e-13)

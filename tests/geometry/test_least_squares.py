@@ -156,3 +156,22 @@ def test_steps_solve_the_damped_normal_equations(damping):
 def test_singular_normal_equations_are_solved_without_their_free_directions():
     found = solve_damped(np.diag([1.0, 0.0])[None], np.array([[2.0, 0.0]]), np.zeros(1))
     np.testing.assert_allclose(found, [[2.0, 0.0]])
+
+
+def test_starts_that_have_ended_are_no_longer_looked_at():
+    """Those that end early are left alone, and all come back in the order in which they were given."""
+    counts, near = [], np.array([1.0 + 1e-6, 1.0 + 2e-6])
+
+    class Watched(Valley):
+        def evaluate(self, parameters):
+            counts.append(len(parameters))
+            return super().evaluate(parameters)
+
+    starts = np.array([STARTS[0], near, STARTS[2], near])
+    found = solve(Watched(2.0), starts)
+    assert counts[0] == 4 and counts[-1] == 1 and counts == sorted(counts, reverse=True)
+    np.testing.assert_array_equal(found.state.parameters[1], near)
+    np.testing.assert_array_equal(found.state.parameters[3], near)
+    for k in (0, 2):
+        alone = solve(Valley(2.0), starts[k][None])
+        np.testing.assert_allclose(found.state.parameters[k], alone.state.parameters[0], rtol=1e-12)
