@@ -17,7 +17,7 @@ def posterior_covariance(normal: Array, sd: Array) -> Array:
     active = active_parameters(sd)
     block = normal[active[:, None], active]
     size = np.sqrt(np.maximum(np.diag(block), 1e-300))
-    scale = np.outer(size, size)
+    scale = size[:, None] * size
     inverse = _inverse(block / scale) / scale
     covariance = np.zeros((len(PARAMETERS), len(PARAMETERS)))
     covariance[active[:, None], active] = inverse

@@ -159,7 +159,8 @@ def _log_evidence_of_others(problem: Problem, state: State, known: int) -> float
     if len(own) == 0:
         return 0.0
     own = own[np.argsort(curves.group[own], kind="stable")]
-    _, first, count = np.unique(curves.group[own], return_index=True, return_counts=True)
+    first = np.flatnonzero(np.diff(curves.group[own], prepend=-1))
+    count = np.diff(first, append=len(own))
     is_line = count > 1
     range_px = ANYWHERE_PX * problem.model.width / 1920.0
     values, sigma, t = state.residuals[0, own], curves.sigma_px[own], state.feet[0, own]
@@ -174,7 +175,7 @@ def _log_evidence_of_others(problem: Problem, state: State, known: int) -> float
     total = np.add.reduceat(robust * robust, first)[is_line]
     (aa, ab, _), (_, bb, _), _ = gram
     determinant = aa * bb - ab * ab
-    gram = np.moveaxis(gram, -1, 0)
+    gram = gram.transpose(2, 0, 1)
     ridge = RIDGE * np.trace(gram, axis1=-2, axis2=-1)[:, None, None] * np.eye(3)
     least = total - (along * np.linalg.solve(gram + ridge, along[..., None])[..., 0]).sum(axis=-1)
     lines = np.log(OTHER_LINE_SHARE / (1.0 - OTHER_LINE_SHARE)) + np.log(2.0 * np.pi) - 2.0 * np.log(range_px)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -77,6 +78,12 @@ def lens_fold(k1: ArrayLike, k2: ArrayLike) -> Array:
         # the root a x^2 + b x + 1 = 0 as 2 / (-b + sqrt(b^2 - 4 a)), which is finite for a = 0 too
         toward = -3.0 * k1 + np.sqrt(9.0 * k1 * k1 - 20.0 * k2)
         return np.asarray(np.where(toward > 0.0, 2.0 / toward, np.inf))
+
+
+@lru_cache(maxsize=64)
+def _fold_of(k1: float, k2: float) -> float:
+    """Where one lens folds back, which all pictures of points by a camera ask for."""
+    return float(lens_fold(k1, k2))
 
 
 def plane_homography(K: Array, R: Array, position_m: Array) -> Array:
@@ -180,7 +187,7 @@ class Camera:
         """Distorted pixels (..., 2) of undistorted ones; nan where the lens model folds back."""
         offset, r2 = self._radial(undistorted_px)
         factor, _ = lens_factor(r2, *self.kappa)
-        factor = np.where(r2 < lens_fold(*self.kappa), factor, np.nan)
+        factor = np.where(r2 < self._fold, factor, np.nan)
         return offset * factor[..., None] + self.principal_point_px
 
     def undistort(self, distorted_px: ArrayLike) -> Array:
@@ -191,7 +198,7 @@ class Camera:
         Numerical Recipes, 9.4).
         """
         offset, r2 = self._radial(distorted_px)
-        target, fold = np.sqrt(r2), np.sqrt(lens_fold(*self.kappa))
+        target, fold = np.sqrt(r2), np.sqrt(self._fold)
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             reached = target < (fold * lens_factor(fold**2, *self.kappa)[0] if np.isfinite(fold) else np.inf)
             target = np.where(reached, target, 0.0)
@@ -247,12 +254,16 @@ class Camera:
             "thin_prism_distortion": [0.0, 0.0, 0.0, 0.0],
         }
 
+    @property
+    def _fold(self) -> float:
+        return _fold_of(*self.kappa.tolist())
+
     def _radial(self, pixels: ArrayLike) -> tuple[Array, Array]:
         # the radius is measured on the focal plane in units of half the width, so non-square pixels stay round
         offset = np.asarray(pixels, dtype=np.float64) - self.principal_point_px
-        aspect = np.array([1.0, self.focal_px[0] / self.focal_px[1]])
+        aspect = self.focal_px[0] / self.focal_px[1]
         with np.errstate(over="ignore"):  # a pixel that far out is beyond the fold, or above the horizon
-            return offset, np.sum((offset * aspect) ** 2, axis=-1) / (self.width / 2.0) ** 2
+            return offset, (offset[..., 0] ** 2 + (offset[..., 1] * aspect) ** 2) / (self.width / 2.0) ** 2
 
     @staticmethod
     def _add_height(points_m: ArrayLike) -> Array:

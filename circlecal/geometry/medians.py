@@ -1,4 +1,6 @@
-"""Medians of some hundred values: ``np.median`` takes five to ten times as long over its checks as over the values."""
+"""Medians of some hundred values: ``np.median`` takes five to ten times as long over its checks as over the values,
+``np.quantile`` twenty times.
+"""
 
 from __future__ import annotations
 
@@ -24,3 +26,12 @@ def median_of_rows(rows: NDArray[np.floating[Any]]) -> Array:
         return np.asarray(np.partition(rows, half, axis=0)[half])
     ordered = np.partition(rows, (half - 1, half), axis=0)
     return np.asarray(0.5 * (ordered[half - 1] + ordered[half]))
+
+
+def quantile(values: Array, share: float) -> float:
+    """What a share of the values (N,) lies below, linear between the two next to it, as ``np.quantile`` has it."""
+    place = share * (len(values) - 1)
+    low = int(place)
+    high = min(low + 1, len(values) - 1)
+    ordered = np.partition(values, (low, high))
+    return float(ordered[low] + (place - low) * (ordered[high] - ordered[low]))

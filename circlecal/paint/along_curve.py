@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from circlecal.field import Arc, Circle, FieldTemplate
 from circlecal.field.view import FieldView
+from circlecal.geometry.medians import quantile
 from circlecal.geometry.projective import Array, Mask
 from circlecal.observations import CircleEdge
 from circlecal.paint.bands import SIGMA_FLOOR_PX, Bands, measure_bands, rise_above_noise
@@ -339,4 +340,4 @@ def _have_company(found: Mask, reach: float) -> Mask:
     if not found.any():
         return found
     share = uniform_filter1d(found.astype(np.float64), 2 * max(round(reach), 2) + 1, mode="nearest")
-    return np.asarray(share >= LEAST_COMPANY * np.percentile(share[found], 90.0), np.bool_)
+    return np.asarray(share >= LEAST_COMPANY * quantile(share[found], 0.9), np.bool_)

@@ -27,6 +27,7 @@ __all__ = [
 _ENOUGH = 128  # places along a marking whose median is its colour
 _SAMPLES = 48  # along each segment
 _NEAR_PX1280, _FAR_PX1280 = 3.5, 5.5  # where the surface beside a marking is looked at
+_SIDES, _STEPS_PX1280 = np.array([[-1.0], [1.0]]), np.linspace(_NEAR_PX1280, _FAR_PX1280, 3)
 _BEYOND_PX1280 = 6.0
 """How much farther out, pixels at 1280 px width, one side's surface is looked at where another sport's line runs right
 beside a marking: in a rendered frame such a line, 2 px wide and 4 px off, took away the near touchline. What lies
@@ -137,15 +138,18 @@ def surface_colour(picture: NDArray[np.uint8], surface: NDArray[np.uint8] | Mask
 
 def colours_at(image_bgr: NDArray[np.uint8], places: Array) -> NDArray[np.uint8]:
     """Colours (..., 3) of the pixels nearest to places (..., 2)."""
-    last = image_bgr.shape[1] - 1, image_bgr.shape[0] - 1
-    x, y = np.moveaxis(np.clip(np.rint(places), 0, last).astype(np.int64), -1, 0)
-    return image_bgr[y, x]
+    height, width = image_bgr.shape[:2]
+    x, y = (
+        np.minimum(np.maximum(np.rint(places[..., axis]), 0.0), size - 1.0) for axis, size in enumerate((width, height))
+    )
+    return image_bgr.reshape(-1, 3).take((y * width + x).astype(np.int64), axis=0)
 
 
 def measure_added_colours(image_bgr: NDArray[np.uint8], points: Array, normals: Array, widths: Array) -> Array:
     """Colour (N, 3) of each place less that of its sides, beyond markings of these widths (N,) or (1,)."""
+    beside = colours_beside(image_bgr, points, normals, widths)
     return np.asarray(
-        colours_at(image_bgr, points) - colours_beside(image_bgr, points, normals, widths).mean(axis=(1, 2))
+        colours_at(image_bgr, points) - np.einsum("nsfc->nc", beside) / (beside.shape[1] * beside.shape[2])
     )
 
 
@@ -165,7 +169,7 @@ def colours_beside(
     """
     height, width = image_bgr.shape[:2]
     scale = max(1.0, width / 1280.0)
-    steps = np.outer([-1.0, 1.0], farther_px1280 + np.linspace(_NEAR_PX1280, _FAR_PX1280, 3)) * scale
+    steps = _SIDES * (farther_px1280 + _STEPS_PX1280) * scale
     farther = np.maximum(1.0, widths / (_NEAR_PX1280 * scale))[:, None, None]
     x, y = (
         np.minimum(np.maximum(np.rint(place[:, None, None] + farther * steps * normal[:, None, None]), 0.0), size - 1.0)

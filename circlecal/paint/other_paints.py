@@ -8,8 +8,15 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from circlecal.geometry.medians import median_of_rows
 from circlecal.geometry.projective import Array, line_distance
-from circlecal.paint.colour import colours_at, colours_beside, match_paint, measure_added_colour
+from circlecal.paint.colour import (
+    colours_at,
+    colours_beside,
+    match_paint,
+    measure_added_colour,
+    measure_added_colours,
+)
 from circlecal.results import Cues, EllipseFits, LineCue, Segment
 
 __all__ = ["are_painted_otherwise", "leave_out_other_paints", "leave_out_yellow_lines"]
@@ -62,7 +69,7 @@ def leave_out_other_paints(image: NDArray[np.uint8], cues: Cues, ellipses: Ellip
     colour = _measure_circle(image, ellipses, band_px)
     if colour is None or not cues.lines:
         return cues
-    added = [_measure_line(image, line) for line in cues.lines]
+    added = _measure_lines(image, cues.lines)
     is_other = [
         not match_paint(own, colour) or _is_yellow_on_grass(image, line, own, colour) or _is_halo(image, line, colour)
         for line, own in zip(cues.lines, added, strict=True)
@@ -76,11 +83,10 @@ def leave_out_yellow_lines(image: NDArray[np.uint8], cues: Cues, ellipses: Ellip
     grass, but do not make it yellow.
     """
     colour = _measure_circle(image, ellipses, band_px)
-    if colour is None:
+    if colour is None or not cues.lines:
         return cues
-    return _set_apart(
-        cues, [_is_yellow_on_grass(image, line, _measure_line(image, line), colour) for line in cues.lines]
-    )
+    told = zip(cues.lines, _measure_lines(image, cues.lines), strict=True)
+    return _set_apart(cues, [_is_yellow_on_grass(image, line, own, colour) for line, own in told])
 
 
 def _set_apart(cues: Cues, is_other: Sequence[bool]) -> Cues:
@@ -100,9 +106,14 @@ def _measure_circle(image: NDArray[np.uint8], ellipses: EllipseFits, band_px: fl
     return measure_added_colour(image, points, normals, band_px or 0.0)
 
 
-def _measure_line(image: NDArray[np.uint8], line: LineCue) -> Array:
-    """Blue, green and red (3,) that a line's paint adds to the ground."""
-    return measure_added_colour(image, line.points_px, _normal_of(line), line.width_px)
+def _measure_lines(image: NDArray[np.uint8], lines: Sequence[LineCue]) -> list[Array]:
+    """Blue, green and red (3,) that the paint of each line adds to the ground."""
+    counts = [len(line.points_px) for line in lines]
+    points = np.concatenate([line.points_px for line in lines])
+    normals = np.repeat([_normal_of(line) for line in lines], counts, axis=0)
+    widths = np.repeat([line.width_px for line in lines], counts)
+    added = measure_added_colours(image, points, normals, widths)
+    return [median_of_rows(own) for own in np.split(added, np.cumsum(counts)[:-1])]
 
 
 def are_painted_otherwise(

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from circlecal.field import FieldTemplate
 from circlecal.field.view import FieldView
+from circlecal.geometry.medians import quantile
 from circlecal.geometry.projective import Array, Mask
 from circlecal.line_naming.marking_places import SPACING_PX, MarkingPlaces, lie_on_surface, place_markings
 from circlecal.line_naming.on_field import lie_inside
@@ -273,7 +274,7 @@ def _misfit(predicted: Array, blur: Array, measured: Array) -> float:
     from scipy.optimize import nnls
 
     # what hides paint leaves a small part of its width, of which the error would be many times as large
-    scale = np.maximum(measured, LEAST_SEEN * np.quantile(measured / predicted, SHARPEST) * predicted)
+    scale = np.maximum(measured, LEAST_SEEN * quantile(measured / predicted, SHARPEST) * predicted)
     rows, target = np.column_stack([predicted, blur]) / scale[:, None], measured / scale
     weight = np.ones(len(rows))
     off = np.zeros(len(rows))
