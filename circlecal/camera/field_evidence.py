@@ -159,8 +159,9 @@ def _log_evidence_of_others(problem: Problem, state: State, known: int) -> float
     if len(own) == 0:
         return 0.0
     own = own[np.argsort(curves.group[own], kind="stable")]
-    first = np.flatnonzero(np.diff(curves.group[own], prepend=-1))
-    count = np.diff(first, append=len(own))
+    group = curves.group[own]
+    first = np.append(0, np.flatnonzero(group[1:] != group[:-1]) + 1)
+    count = np.append(first[1:], len(own)) - first
     is_line = count > 1
     range_px = ANYWHERE_PX * problem.model.width / 1920.0
     values, sigma, t = state.residuals[0, own], curves.sigma_px[own], state.feet[0, own]
@@ -169,7 +170,7 @@ def _log_evidence_of_others(problem: Problem, state: State, known: int) -> float
     low, high = np.minimum.reduceat(t, first), np.maximum.reduceat(t, first)
     t = (t - np.repeat(low, count)) / np.repeat(np.maximum(high - low, 1e-9), count)
     near, far = (1.0 - t) / sigma, t / sigma
-    basis = np.stack([near, far, t * near])
+    basis = np.array([near, far, t * near])
     gram = np.add.reduceat(basis[:, None] * basis, first, axis=-1)[..., is_line]
     along = np.add.reduceat(basis * robust, first, axis=-1)[..., is_line].T
     total = np.add.reduceat(robust * robust, first)[is_line]

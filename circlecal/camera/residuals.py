@@ -206,8 +206,8 @@ def circle_curve(
     n = len(points_px)
     full = np.full(n, 1.0)
     return CurvePoints(
-        points_px, sigma_px, np.tile(center, (n, 1)), radius * full, radius_by_width * full, bloom_sign * full,
-        np.zeros((n, 2)), np.tile(NOT_MOVED if shift is None else shift, (n, 1, 1)), np.zeros(n, dtype=int), (key,),
+        points_px, sigma_px, _to_each(n, center), radius * full, radius_by_width * full, bloom_sign * full,
+        np.zeros((n, 2)), _to_each(n, NOT_MOVED if shift is None else shift), np.zeros(n, dtype=int), (key,),
     )  # fmt: skip
 
 
@@ -219,9 +219,14 @@ def line_curve(name: str, points_px: Array, sigma_px: Array, ends_m: Array, shif
     direction = (ends_m[1] - ends_m[0]) / np.linalg.norm(ends_m[1] - ends_m[0])
     zero = np.zeros(n)
     return CurvePoints(
-        points_px, sigma_px, np.tile(ends_m[0], (n, 1)), zero, zero, zero,
-        np.tile(direction, (n, 1)), np.tile(shift, (n, 1, 1)), np.zeros(n, dtype=int), (MarkingKey(name),),
+        points_px, sigma_px, _to_each(n, ends_m[0]), zero, zero, zero,
+        _to_each(n, direction), _to_each(n, shift), np.zeros(n, dtype=int), (MarkingKey(name),),
     )  # fmt: skip
+
+
+def _to_each(count: int, values: Array) -> Array:
+    """What (...,) all points of a marking have, (count, ...)."""
+    return np.repeat(values[None], count, axis=0)
 
 
 NEAR_PX = 10.0

@@ -235,7 +235,7 @@ def _space_evenly(ellipse: EllipseBatch, spacing_px: float, most: int) -> tuple[
     points = center + cosine * great_axis + sine * small_axis
     x, y = cosine * small_axis - sine * great_axis
     length_px = np.hypot(x, y)
-    normals = np.stack([y / length_px, -(x / length_px)])
+    normals = np.array([y / length_px, -(x / length_px)])
     off = points - center
     normals *= np.sign(off[0] * normals[0] + off[1] * normals[1])
     return points.T.copy(), normals.T.copy(), np.diff(edges) / (2 * np.pi)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -209,7 +210,7 @@ def passes_point(segment: Array, point_px: Array, unit: float, near_px: float = 
     along = (segment[1] - segment[0]) / np.linalg.norm(segment[1] - segment[0])
     first, second = (point_px - segment) @ along
     away = max(-float(first), float(second), 0.0)
-    return abs(float(line_distance(fit_line(segment), point_px[None])[0])) < near_px * unit + BEND_SHARE * away
+    return abs(float(line_distance(_line_through(segment), point_px[None])[0])) < near_px * unit + BEND_SHARE * away
 
 
 def _is_near(segment: Array, point_px: Array) -> bool:
@@ -288,7 +289,7 @@ def lies_short_of_end(points_px: Array, ends: Sequence[LineEnd], before_px: Arra
 
 def _runs_on_beyond(points: Array, segment: Array, reach_px: float) -> bool:
     """Whether points (N, 2) along a line go on for so far on both sides of where it meets a segment (2, 2)."""
-    line, other = fit_line(points), fit_line(segment)
+    line, other = _line_through(points), _line_through(segment)
     meeting = meet(line, other)
     if abs(meeting[2]) < LEAST_SINE:
         return False
@@ -313,10 +314,25 @@ def _count_places(beyond: Array, reach_px: float) -> int:
 
 
 def segment_ends(points: Array) -> Array:
-    """First and last point (2, 2) along a straight marking."""
-    normal = fit_line(points)[:2]
-    position = points @ np.array([normal[1], -normal[0]])
-    return points[[np.argmin(position), np.argmax(position)]]
+    """First and last point (2, 2) along a straight marking, not to be written to."""
+    return _course_of(points.tobytes())[1]
+
+
+def _line_through(points: Array) -> Array:
+    """The line (3,) through points (N, 2) of a straight marking, not to be written to."""
+    return _course_of(points.tobytes())[0]
+
+
+@lru_cache(maxsize=256)
+def _course_of(points: bytes) -> tuple[Array, Array]:
+    """Line and ends of points (N, 2), kept since each ending asks for those of all lines that are seen."""
+    places = np.frombuffer(points).reshape(-1, 2)
+    line = fit_line(places)
+    position = places @ np.array([line[1], -line[0]])
+    ends = places[[np.argmin(position), np.argmax(position)]]
+    line.setflags(write=False)
+    ends.setflags(write=False)
+    return line, ends
 
 
 def _curve_of_point(line: Line, point_px: Array, sigma: Array, template: FieldTemplate) -> CurvePoints:
@@ -336,12 +352,12 @@ def find_line_through(point_m: Array, ending: Line, template: FieldTemplate) -> 
 
 def _is_crossed(end: LineEnd, line: LinePoints, observations: Observations, unit: float) -> bool:
     """Whether a nameless line is seen to pass through the end, across the line that ends there."""
-    along = fit_line(line.points_px)[:2]
+    along = _line_through(line.points_px)[:2]
     for other in observations.lines:
         if other.line is None and len(other.points_px) >= FEWEST_POINTS:
             # by its own ends a long line that the lens bends lies beside a point that it passes
             segment = segment_ends(_piece_beside(other.points_px, end.point_px))
-            normal = fit_line(other.points_px)[:2]
+            normal = _line_through(other.points_px)[:2]
             across = abs(normal[0] * along[1] - normal[1] * along[0]) > LEAST_SINE
             if across and _is_near(segment, end.point_px) and passes_point(segment, end.point_px, unit):
                 return True

@@ -10,6 +10,7 @@ the picture's noise (:func:`rise_above_noise`), and one for curves that may be c
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from math import ceil
 from typing import Any
 
@@ -158,8 +159,7 @@ def measure_bands(profiles: Profiles, offsets: Array, search: float) -> Bands:
         values = np.where(known, values, np.float32(0))
     rim = max(2, len(offsets) // RIM_SHARE)
     low, high = _median_of_rows(values[:rim:2]), _median_of_rows(values[: -rim - 1 : -2])
-    share = (np.arange(len(offsets)) - 0.5 * (rim - 1)) / (len(offsets) - rim)
-    signal = values - np.stack([1.0 - share, share], axis=-1).astype(np.float32) @ np.stack([low, high])
+    signal = values - _shares_of_rims(len(offsets), rim) @ np.array([low, high])
 
     middle = -float(offsets[0]) / step
     reach = max(search / step, 0.5) + 1e-6
@@ -175,7 +175,7 @@ def measure_bands(profiles: Profiles, offsets: Array, search: float) -> Bands:
     # between its gaps the signal is nowhere below the threshold
     inside = gaps.astype(numbers.dtype) + 1
     weight = (signal - threshold) * ((numbers > inside[0]) & (numbers < inside[1]))
-    mass, moment = np.stack([np.ones(len(offsets)), offsets]).astype(np.float32) @ weight
+    mass, moment = np.array([np.ones(len(offsets)), offsets], np.float32) @ weight
     mass = np.maximum(mass, np.float32(1e-9))
     center = (moment / mass).astype(np.float64)
     count, middle = after - before - 1.0, offsets[0] + 0.5 * step * (before + after)
@@ -190,6 +190,15 @@ def measure_bands(profiles: Profiles, offsets: Array, search: float) -> Bands:
         sensitivity=np.sqrt(np.maximum(squares, 0.0) * step) / (mass * step),
         whole=known & (before >= 0) & (after < len(offsets)),
     )
+
+
+@lru_cache(maxsize=64)
+def _shares_of_rims(count: int, rim: int) -> NDArray[np.float32]:
+    """How much the medians of the first and the last samples, so many, count at each of the samples (count, 2)."""
+    share = (np.arange(count) - 0.5 * (rim - 1)) / (count - rim)
+    shares = np.stack([1.0 - share, share], axis=-1).astype(np.float32)
+    shares.setflags(write=False)
+    return shares
 
 
 def stand_out(profiles: Profiles, offsets: Array, beside: tuple[float, float]) -> Profiles:

@@ -236,7 +236,7 @@ class CoatBands(DenseProblem):
             old[:2] -= _NEW[:, None, None]
             slope += [(old[..., None] * step).sum(axis=0), wider, bell[2] + bell[3]]
         band = (weight[..., None] * step).sum(axis=0)
-        return band @ self._without_ground, np.stack(slope) @ self._without_ground
+        return band @ self._without_ground, np.array(slope) @ self._without_ground
 
     def _leave(self, band: Array) -> tuple[Array, Array]:
         """What bands (K, B, S) leave of the profiles, standard deviations, and their light (K, B), gray levels."""
@@ -264,10 +264,10 @@ def _place_edges(bands: CoatShape) -> tuple[Array, Array]:
     """
     half, old_half = 0.5 * bands.width, 0.5 * bands.old_width
     old = bands.place + bands.beside
-    edges = np.stack([bands.place - half, bands.place + half, old - old_half, old + old_half])
+    edges = np.array([bands.place - half, bands.place + half, old - old_half, old + old_half])
     hidden = OPAQUE * (np.abs(bands.beside) < half + old_half)
     begins, ends = hidden * (edges[0] > edges[2]), hidden * (edges[1] <= edges[3])
-    weight = bands.strength * np.stack([-begins, ends, 1.0 - (hidden - begins), (hidden - ends) - 1.0])
+    weight = bands.strength * np.array([-begins, ends, 1.0 - (hidden - begins), (hidden - ends) - 1.0])
     weight[0] += 1.0
     weight[1] -= 1.0
     return edges, weight

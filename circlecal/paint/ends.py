@@ -120,7 +120,7 @@ def _brightness(picture: GrayPicture, path: Array, normal: Array, unit: float) -
     count = len(BESIDE_PX)
     rows = [profiles[:, k : k + count].mean(axis=1) for k in (0, count, 2 * count)]
     left, right, paint = (np.convolve(row, np.full(3, 1.0 / 3.0), mode="same") for row in rows)
-    return paint, np.stack([left, right])
+    return paint, np.array([left, right])
 
 
 def _is_crossed(beside: Array, end: int) -> bool:
@@ -140,7 +140,7 @@ def _goes_on_aside(picture: GrayPicture, end_px: Array, outward: Array, paint_px
     along = np.arange(-reach, reach + unit, unit)
     path = end_px + along[:, None] * outward
     rows = sample_profiles(picture, path, np.broadcast_to(normal, path.shape), aside).T
-    smooth = np.stack([np.convolve(row, np.full(3, 1.0 / 3.0), mode="same") for row in np.nan_to_num(rows)])
+    smooth = np.array([np.convolve(row, np.full(3, 1.0 / 3.0), mode="same") for row in np.nan_to_num(rows)])
     step = round(away / unit)
     # by how much each place is lighter than what lies before it and behind it
     rise = smooth[:, step:-step] - np.maximum(smooth[:, : -2 * step], smooth[:, 2 * step :])

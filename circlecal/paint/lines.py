@@ -232,7 +232,7 @@ def _band_samples(
     valid = np.flatnonzero(own & rise_above_noise(bands, noise) & (bands.width < 24 * max(unit, 0.5)))
     base, normals = base.take(valid, axis=1), normals.take(valid, axis=1)
     middles = base + bands.center.take(valid) * normals
-    edges = base + np.stack([bands.left.take(valid), bands.right.take(valid)])[:, None] * normals
+    edges = base + np.array([bands.left.take(valid), bands.right.take(valid)])[:, None] * normals
     sigma = bands.sigma(noise) * (1.0 if stretch is None else stretch)
     return _BandSamples(middles, edges, sigma.take(valid), piece.take(valid), drawn)
 
@@ -249,7 +249,7 @@ def _run_along_border(profiles: Profiles, piece: NDArray[np.int_], count: NDArra
 def _show_both_sides(picture: GrayPicture, base: Array, normals: Array, bands: Bands) -> Mask:
     """Which bands across places (2, N) have some of the surface in the picture beside both of their edges."""
     last = np.array(picture.shape[::-1])[:, None] - 1.0 - BORDER_PX
-    edges = base + np.stack([bands.left, bands.right])[:, None] * normals
+    edges = base + np.array([bands.left, bands.right])[:, None] * normals
     return np.asarray(((edges >= BORDER_PX) & (edges <= last)).all(axis=(0, 1)))
 
 
@@ -270,7 +270,7 @@ def _robust_lines(samples: _BandSamples, count: int, scale_px: float) -> tuple[A
     member = (samples.piece[:, None] == np.arange(count)).astype(np.float64)
     origin = samples.middles.sum(axis=1) / max(samples.middles.shape[1], 1)
     (mx, my), (x, y) = samples.middles - origin[:, None], np.moveaxis(samples.edges - origin[:, None], 1, 0)
-    moments = np.stack([np.full(len(mx), 2.0), *(m[0] + m[1] for m in (x, y, x * x, x * y, y * y))])
+    moments = np.array([np.full(len(mx), 2.0), *(m[0] + m[1] for m in (x, y, x * x, x * y, y * y))])
     weighted = moments
     for scale in ROBUST_SCALES:
         mass, *sums = weighted @ member
@@ -278,7 +278,7 @@ def _robust_lines(samples: _BandSamples, count: int, scale_px: float) -> tuple[A
         # direction of the greater eigenvector of the 2 x 2 scatter
         angle = 0.5 * np.arctan2(2 * (xy - sx * sy), xx - sx * sx - yy + sy * sy)
         a, b = -np.sin(angle), np.cos(angle)
-        lines = np.stack([a, b, -a * sx - b * sy])
+        lines = np.array([a, b, -a * sx - b * sy])
         by_x, by_y, constant = lines.take(samples.piece, axis=1)
         distance = by_x * mx + by_y * my + constant
         weighted = moments / np.square(1.0 + np.square(distance / (scale * scale_px)))

@@ -59,8 +59,9 @@ def sample_profiles(
     height, width = picture.shape
     if len(points_px) == 0:
         return np.zeros((0, len(offsets)), np.float32)
-    lever = np.stack([offsets, np.ones(len(offsets))], axis=-1).astype(np.float32)
-    x, y = (lever @ np.stack(pair).astype(np.float32) for pair in zip(normals.T, points_px.T, strict=True))
+    lever = np.ones((len(offsets), 2), np.float32)
+    lever[:, 0] = offsets
+    x, y = (lever @ np.array(pair, np.float32) for pair in zip(normals.T, points_px.T, strict=True))
     values = interpolate(picture, x, y).astype(np.float32, copy=False)
     ends = ((x[0], width), (x[-1], width), (y[0], height), (y[-1], height))
     if not repeat_border and any(end.min() < 0 or end.max() > size - 1 for end, size in ends):

@@ -69,7 +69,7 @@ def _distance_from_parabola(along: Array, off: Array) -> Array:
     strays may lie anywhere along it.
     """
     t = (along - along.mean()) / max(float(np.ptp(along)), 1e-9)
-    rows, weight = np.stack([np.ones_like(t), t, t * t]), np.ones_like(t)
+    rows, weight = np.array([np.ones_like(t), t, t * t]), np.ones_like(t)
     held = RIDGE * len(t) * np.eye(3)
     beside = off
     for _ in range(ROUNDS):
