@@ -210,7 +210,8 @@ def _worst_seam(rows: NDArray[np.uint8], covered: Mask | None) -> float:
         stands_out &= ~(covered[1:-2] | covered[2:-1])
     starts = np.arange(STEP_BLOCKS) * rows.shape[1] // STEP_BLOCKS
     size = np.diff(np.append(starts, rows.shape[1]))
-    steps = np.add.reduceat(stands_out, starts, axis=1, dtype=np.int32) > STEP_SHARE * size
+    before = np.asarray(cv2.integral(stands_out.view(np.uint8)), np.int32)[:, np.append(starts, rows.shape[1])]
+    steps = np.diff(np.diff(before, axis=1), axis=0) > STEP_SHARE * size
     share = steps.mean(axis=1)
     inner = np.zeros(len(share), np.bool_)
     inner[first : len(rows) - first - 3] = True
