@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from circlecal.geometry.camera import NEAREST_M
-from circlecal.geometry.camera_parameters import INDEX, ProjectionModel, level_points, project
+from circlecal.geometry.camera_parameters import INDEX, Projection, ProjectionModel, level_points, project
 from circlecal.geometry.projective import Array, Indices, Mask
 from circlecal.observations import MarkingKey
 
@@ -326,6 +326,37 @@ def ground_feet(curves: CurvePoints, theta: Array, model: ProjectionModel) -> Ar
     return np.where(curves.radius > 0, np.arctan2(y, x), on_line)
 
 
+def nearest_feet(curves: CurvePoints, theta: Array, feet: Array, model: ProjectionModel, updates: int = 2) -> Array:
+    """The foot parameters (B, N) that :func:`curve_residuals` returns, which takes longer."""
+    return _move_feet(curves, theta, feet, model, updates, NO_POINTS)[0]
+
+
+def _move_feet(
+    curves: CurvePoints, theta: Array, feet: Array, model: ProjectionModel, updates: int, points: FixedPoints
+) -> tuple[Array, Projection, Array, Array, Array, Array]:
+    """Foot parameters after so many Newton steps and one more, and what was seen before that: the projection, the
+    pictures of the tangents (B, 2, N) and their lengths (B, N), the way from each place to its point (B, 2, N + 2 M),
+    and cosine and sine of the feet (B, 2, N).
+    """
+    count = feet.shape[1]
+    observed = np.empty((*curves.points_px.shape[:-2], 2, count + 2 * len(points.sigma_px)))
+    observed[..., :count], observed[..., count:] = np.swapaxes(curves.points_px, -1, -2), points.twice[1]
+    limit = curves.largest_move
+    for step in range(updates + 2):
+        places, tangents, outward = _points_on_markings(curves, feet, theta, points)
+        seen = project(theta, places.swapaxes(1, 2), model)
+        along = seen.along(tangents[:, 0], tangents[:, 1])[..., :count]
+        along_x, along_y = along[:, 0], along[:, 1]
+        difference = observed - seen.xy
+        length2 = np.maximum(along_x * along_x + along_y * along_y, 1e-18)
+        beside = difference[:, 0, :count] * along_x + difference[:, 1, :count] * along_y
+        feet = feet + np.minimum(np.maximum(beside / (length2 * curves.scale), -limit), limit)
+        length = np.sqrt(length2)
+        if step >= updates and (np.abs(beside) < NEAR_PX * length).all():
+            break
+    return feet, seen, along, length, difference, outward
+
+
 def curve_residuals(
     curves: CurvePoints,
     theta: Array,
@@ -353,22 +384,8 @@ def curve_residuals(
     points : FixedPoints
         M points that are seen in the same view, each along x and along y.
     """
-    count = feet.shape[1]
-    observed = np.empty((*curves.points_px.shape[:-2], 2, count + 2 * len(points.sigma_px)))
-    observed[..., :count], observed[..., count:] = np.swapaxes(curves.points_px, -1, -2), points.twice[1]
-    limit = curves.largest_move
-    for step in range(updates + 2):
-        places, tangents, outward = _points_on_markings(curves, feet, theta, points)
-        seen = project(theta, places.swapaxes(1, 2), model)
-        along = seen.along(tangents[:, 0], tangents[:, 1])[..., :count]
-        along_x, along_y = along[:, 0], along[:, 1]
-        difference = observed - seen.xy
-        length2 = np.maximum(along_x * along_x + along_y * along_y, 1e-18)
-        beside = difference[:, 0, :count] * along_x + difference[:, 1, :count] * along_y
-        feet = feet + np.minimum(np.maximum(beside / (length2 * curves.scale), -limit), limit)
-        length = np.sqrt(length2)
-        if step >= updates and (np.abs(beside) < NEAR_PX * length).all():
-            break
+    feet, seen, along, length, difference, outward = _move_feet(curves, theta, feet, model, updates, points)
+    count, (along_x, along_y) = feet.shape[1], (along[:, 0], along[:, 1])
     sigma = curves.sigma_px
     # the normal's positive side is the outside of a circle
     unit = np.where(curves.straight | seen.upward[:, :count], 1.0, -1.0) / (length * sigma)

@@ -9,11 +9,12 @@ in another way, nothing is named.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from circlecal.camera.residuals import CurvePoints, curve_points, curve_residuals, ground_feet
+from circlecal.camera.residuals import CurvePoints, curve_points, curve_residuals, ground_feet, nearest_feet
 from circlecal.field import FieldTemplate
 from circlecal.geometry.camera_parameters import INDEX, LOG_FOCAL, ProjectionModel, project
 from circlecal.geometry.projective import Array, Indices, Mask
@@ -83,27 +84,29 @@ class Association:
 
 @dataclass(frozen=True, slots=True)
 class _Pairs:
-    """Residuals (S, T, 2) of the ends of S seen lines against T template lines, Jacobians (S, T, 2, P), and which pairs
-    lie on the marking's extent.
+    """Residuals (..., S, T, 2) of the ends of S seen lines against T template lines, Jacobians (..., S, T, 2, P), and
+    which pairs lie on the marking's extent; before one camera, or each of several.
     """
 
     residuals: Array
     jacobians: Array
     on_marking: Mask
 
+    def __iter__(self) -> Iterator[_Pairs]:
+        """Those before each camera."""
+        return map(_Pairs, self.residuals, self.jacobians, self.on_marking)
+
 
 def associate_lines(
     segments: Array,
     template: FieldTemplate,
     excluded: tuple[str, ...],
-    theta: Array,
-    covariance: Array,
-    model: ProjectionModel,
+    cameras: tuple[Array, Array, ProjectionModel],
     sigma_px: float,
     count: int = 6,
     elsewhere: frozenset[tuple[int, str]] = frozenset(),
     asked: Mask | None = None,
-) -> list[Association]:
+) -> list[list[Association]]:
     """Name seen lines in the most plausible ways.
 
     Parameters
@@ -114,50 +117,56 @@ def associate_lines(
         The field.
     excluded : tuple of str
         Template lines that are known already.
-    theta, covariance : (P,), (P, P) arrays
-        Camera so far.
-    model : ProjectionModel
-        Picture size.
+    cameras : tuple of (C, P) array, (C, P, P) array, ProjectionModel
+        Cameras under each of which the lines are named, their covariances, and the picture size.
     sigma_px : float
         How well a seen line follows the straight line between its ends (lens, measuring).
     count : int
         How many different hypotheses are returned.
     elsewhere : frozenset of (int, str)
         Names that a seen line cannot have, since that marking is known to run elsewhere.
-    asked : (S,) bool, optional
+    asked : (C, S) bool, optional
         Lines of which one must come near a marking for any line to be named.
 
     Returns
     -------
-    list of Association
-        Best first; empty where nothing fits.
+    list of list of Association
+        Under each camera, best first; empty where nothing fits.
     """
+    thetas, covariances, model = cameras
     drawn = [k for k, line in enumerate(template.lines) if line.name not in excluded]
-    lines = [template.lines[k] for k in drawn]
-    if len(segments) == 0 or not lines:
-        return []
+    names = [template.lines[k].name for k in drawn]
+    if len(segments) == 0 or not names:
+        return [[] for _ in thetas]
     ends, shifts = (geometry[drawn] for geometry in template.drawn_lines)
-    slide_m = EXTENT_SIGMAS * _slide_sd(shifts, covariance[np.ix_(_SIZES, _SIZES)])
-    pairs = _pairs(segments, ends, shifts, theta, model, slide_m)
-    names = [line.name for line in lines]
+    slide_m = EXTENT_SIGMAS * _slide_sd(shifts, covariances[:, None, _SIZES][..., _SIZES])
+    pairs = _pairs(segments, ends, shifts, thetas, model, slide_m)
+    limits = _limits_of_sizes(template) - thetas[:, EXTENTS, None]
     lengths = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=-1)
-    limits = _limits_of_sizes(template) - theta[EXTENTS, None]
-    cost, growth = _innovate(pairs.residuals[None], pairs.jacobians, covariance[None], sigma_px)
-    may_seed = (cost[0] < LARGEST_SEED_COST) & _lie_within(growth[0], limits)
-    if asked is not None and not may_seed[asked].any():
-        return []
+    may_seed = np.zeros(pairs.on_marking.shape, dtype=np.bool_)
+    for c, own in enumerate(pairs):
+        cost, growth = _innovate(own.residuals[None], own.jacobians, covariances[[c]], sigma_px)
+        may_seed[c] = (cost[0] < LARGEST_SEED_COST) & _lie_within(growth[0], limits[c])
+    if asked is not None:
+        may_seed &= (may_seed & asked[..., None]).any(axis=(1, 2), keepdims=True)
     off = np.argwhere(may_seed & ~pairs.on_marking)
     if len(off):
-        camera = theta, covariance, model
-        pairs.on_marking[tuple(off.T)] = _lie_on_under_own(off, segments, ends, shifts, camera, sigma_px)
+        of_pair = thetas[off[:, 0]], covariances[off[:, 0]], model
+        pairs.on_marking[tuple(off.T)] = _lie_on_under_own(off[:, 1:], segments, ends, shifts, of_pair, sigma_px)
     for s, name in elsewhere:
         if name in names:
-            pairs.on_marking[s, names.index(name)] = False
-    seeds = np.argwhere(pairs.on_marking & may_seed)
-    seeds = seeds[np.argsort(-lengths[seeds[:, 0]], kind="stable")][: MOST_SEEDS if count > 1 else SEEDS_OF_ONE]
-    if len(seeds) == 0:
-        return []
-    chosen, costs = _grow(seeds, pairs, lengths, covariance, limits, sigma_px)
+            pairs.on_marking[:, s, names.index(name)] = False
+    found: list[list[Association]] = []
+    for c, own in enumerate(pairs):
+        seeds = np.argwhere(own.on_marking & may_seed[c])
+        seeds = seeds[np.argsort(-lengths[seeds[:, 0]], kind="stable")][: MOST_SEEDS if count > 1 else SEEDS_OF_ONE]
+        grown = _grow(seeds, own, lengths, covariances[c], limits[c], sigma_px) if len(seeds) else None
+        found.append([] if grown is None else _list_different(*grown, names, lengths)[:count])
+    return found
+
+
+def _list_different(chosen: Indices, costs: Array, names: list[str], lengths: Array) -> list[Association]:
+    """Different associations, best first, from the template line of each seen line (K, S), -1 for none, and costs."""
     different: dict[frozenset[tuple[int, str]], Association] = {}
     for row, total in zip(chosen, costs, strict=True):
         named = {int(s): names[row[s]] for s in np.flatnonzero(row >= 0)}
@@ -165,32 +174,35 @@ def associate_lines(
         known = different.setdefault(frozenset(named.items()), found)
         if found.score > known.score:
             different[frozenset(named.items())] = found
-    return sorted(different.values(), key=lambda a: a.score, reverse=True)[:count]
+    return sorted(different.values(), key=lambda a: a.score, reverse=True)
 
 
 def _slide_sd(shifts: Array, sizes: Array) -> Array:
-    """Standard deviation (T,), metres, of how far the field's sizes move each marking, by shifts (T, 3, 2) and the
-    covariances of the sizes (3, 3), or (T, 3, 3): along itself, or across, which at a slant moves the nearest point
+    """Standard deviation (..., T), metres, of how far the field's sizes move each marking, by shifts (T, 3, 2) and the
+    covariances of the sizes (..., T or 1, 3, 3): along itself, or across, which at a slant moves the nearest point
     along it as far.
     """
-    variance = ((np.swapaxes(shifts, 1, 2) @ sizes) * np.swapaxes(shifts, 1, 2)).sum(axis=(1, 2))
+    variance = ((np.swapaxes(shifts, 1, 2) @ sizes) * np.swapaxes(shifts, 1, 2)).sum(axis=(-2, -1))
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
-def _pairs(segments: Array, ends: Array, shifts: Array, theta: Array, model: ProjectionModel, slide_m: Array) -> _Pairs:
-    """All pairs; a line may reach beyond its marking by the usual slack and as far as that may slide (T,), metres."""
-    S, T = len(segments), len(ends)
+def _pairs(
+    segments: Array, ends: Array, shifts: Array, thetas: Array, model: ProjectionModel, slide_m: Array
+) -> _Pairs:
+    """All pairs before each camera (C, P); a line may reach beyond its marking by the usual slack and as far as that
+    may slide (C, T), metres.
+    """
+    C, S, T = len(thetas), len(segments), len(ends)
     lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1)
     curves = _points_on(np.tile(segments.reshape(-1, 2), (T, 1)), ends, shifts, np.repeat(np.arange(T), 2 * S))
-    start = ground_feet(curves, theta[None], model)
-    seen = curve_residuals(curves, theta[None], start, model, updates=0)
-    feet = seen.feet[0].reshape(T, S, 2)
-    on_marking = lie_on_extent(feet, lengths[:, None, None], slide_m[:, None, None])
-    on_marking &= _are_visible(curves, seen.feet, theta[None], model)[0].reshape(T, S, 2).all(axis=-1)
+    seen = curve_residuals(curves, thetas, ground_feet(curves, thetas, model), model, updates=0)
+    feet = seen.feet.reshape(C, T, S, 2)
+    on_marking = lie_on_extent(feet, lengths[:, None, None], slide_m[..., None, None])
+    on_marking &= _are_visible(curves, seen.feet, thetas, model).reshape(C, T, S, 2).all(axis=-1)
     return _Pairs(
-        np.swapaxes(seen.values[0].reshape(T, S, 2), 0, 1),
-        np.ascontiguousarray(np.swapaxes(seen.jacobian[0].reshape(T, S, 2, -1), 0, 1)),
-        on_marking.T,
+        np.swapaxes(seen.values.reshape(C, T, S, 2), 1, 2),
+        np.ascontiguousarray(np.swapaxes(seen.jacobian.reshape(C, T, S, 2, -1), 1, 2)),
+        np.swapaxes(on_marking, 1, 2),
     )
 
 
@@ -211,7 +223,7 @@ def _lie_on_under_own(
     sigma_px: float,
 ) -> Mask:
     """Whether lines lie on the extents of markings (K, 2: which line, which marking) under the cameras that each pair
-    implies alone, by an iterated Kalman update (Bell and Cathey 1993).
+    implies alone, by an iterated Kalman update (Bell and Cathey 1993) of a camera (K, P) with its covariance (K, P, P).
 
     Under a first camera of circle and halfway line the far end of a penalty area's front seemed 25 m beyond it that
     lies on its corner: the line itself tells how far the ground is stretched there.
@@ -220,7 +232,7 @@ def _lie_on_under_own(
     seen, drawn = pairs.T
     # each camera sees its own pair only: both ends of one line
     curves = _ends_on(segments[seen], ends[drawn], shifts[drawn])
-    cameras = np.repeat(theta[None], len(pairs), axis=0)
+    cameras = theta
     for _ in range(UPDATES):
         fit = curve_residuals(curves, cameras, ground_feet(curves, cameras, model), model, updates=1)
         J = fit.jacobian
@@ -230,10 +242,10 @@ def _lie_on_under_own(
         # no linear model reaches so far
         is_near = np.isfinite(cameras).all(axis=1) & (np.abs(cameras - theta)[:, LOG_FOCAL] < LARGEST_ZOOM)
         cameras = np.where(is_near[:, None], cameras, theta)
-    feet = curve_residuals(curves, cameras, ground_feet(curves, cameras, model), model, updates=1).feet
+    feet = nearest_feet(curves, cameras, ground_feet(curves, cameras, model), model, updates=1)
     lengths = np.linalg.norm(ends[drawn, 1] - ends[drawn, 0], axis=-1)
     known = pushed[..., _SIZES]
-    sizes = covariance[np.ix_(_SIZES, _SIZES)] - np.swapaxes(known, 1, 2) @ inverse @ known
+    sizes = covariance[:, _SIZES][..., _SIZES] - np.swapaxes(known, 1, 2) @ inverse @ known
     slide_m = EXTENT_SIGMAS * _slide_sd(shifts[drawn], sizes)
     on_extent = lie_on_extent(feet, lengths[:, None], slide_m[:, None])
     is_visible = _are_visible(curves, feet, cameras, model).all(axis=-1)

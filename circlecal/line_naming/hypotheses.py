@@ -127,16 +127,17 @@ class NamingScene:
         named = list(association.names)
         return bool(np.delete(self.lengths_px, named).max(initial=0.0) > self.lengths_px[named].sum())
 
-    def hypotheses(self, theta: Array, normal: Array, count: int, asked: Mask | None = None) -> list[Association]:
-        """The most plausible names under a camera with its Gauss-Newton matrix; none where no line of those that are
-        asked for (S,) comes near a marking.
+    def hypotheses(
+        self, thetas: Array, normals: Array, count: int, asked: Mask | None = None
+    ) -> list[list[Association]]:
+        """The most plausible names under each camera (C, P) with its Gauss-Newton matrix; none where no line of those
+        that are asked for (C, S) comes near a marking.
         """
-        covariance = posterior_covariance(normal, self.problem.priors.sd)
-        covariance = covariance + self.painters_covariance
-        model, sigma_px = self.problem.model, LINE_SIGMA_PX * self.unit
-        return associate_lines(
-            self.segments, self.template, self.known, theta, covariance, model, sigma_px, count, self.elsewhere, asked
-        )
+        sd = self.problem.priors.sd
+        covariances = np.array([posterior_covariance(normal, sd) for normal in normals]) + self.painters_covariance
+        cameras, sigma_px = (thetas, covariances, self.problem.model), LINE_SIGMA_PX * self.unit
+        options = cameras, sigma_px, count, self.elsewhere, asked
+        return associate_lines(self.segments, self.template, self.known, *options)
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,7 +196,7 @@ def name_lines(
     if not unnamed:
         return nothing
     scene = make_naming_scene(unnamed, problem, state, observations, template, noise, ends)
-    first = scene.hypotheses(state.theta[0], state.normal[0], HYPOTHESES)
+    (first,) = scene.hypotheses(state.theta[:1], state.normal[:1], HYPOTHESES)
     if not first:
         return nothing
     trials = match_further_lines(
@@ -232,8 +233,13 @@ def match_further_lines(scene: NamingScene, trials: list[Trial], count: int) -> 
     growing = [k for i, k in enumerate(ranked[: max(count, MOST_GROWING)]) if i < count or trials[k].score > near_px]
     for _ in range(ROUNDS - 1):
         growing = [k for k in growing if len(trials[k].association.names) < len(scene.segments)]
-        further = {k: scene.hypotheses(trials[k].theta, trials[k].normal, 1, trials[k].left) for k in growing}
-        more = {k: again[0] for k, again in further.items() if again and _is_extension(again[0], trials[k].association)}
+        grown = [trials[k] for k in growing]
+        further = _find_further(scene, grown) if grown else []
+        more = {
+            k: again[0]
+            for k, trial, again in zip(growing, grown, further, strict=True)
+            if again and _is_extension(again[0], trial.association)
+        }
         if not more:
             break
         growing = list(more)
@@ -241,6 +247,16 @@ def match_further_lines(scene: NamingScene, trials: list[Trial], count: int) -> 
         for k, trial in zip(growing, try_names(scene, list(more.values()), starts), strict=True):
             trials[k] = trial
     return trials
+
+
+def _find_further(scene: NamingScene, trials: list[Trial]) -> list[list[Association]]:
+    """The best names, if any, under the camera of each hypothesis, where a line may get one that has none or should
+    have another.
+    """
+    anything = np.ones(len(scene.segments), dtype=np.bool_)
+    asked = [anything if trial.left is None else trial.left for trial in trials]
+    thetas, normals = (np.array(values) for values in zip(*((t.theta, t.normal) for t in trials), strict=True))
+    return scene.hypotheses(thetas, normals, 1, np.array(asked))
 
 
 def _least_near(scene: NamingScene, best: Trial) -> float:

@@ -154,10 +154,10 @@ def test_all_hypotheses_near_the_best_one_are_grown(scores, grown):
         for k, score in enumerate(scores)
     ]
 
-    def hypotheses_of(theta, normal, count, left):
-        assert left.tolist() == [False, True]
-        asked.append(int(theta[0]))
-        return []
+    def hypotheses_of(thetas, normals, count, left):
+        assert left.tolist() == [[False, True]] * len(thetas)
+        asked.extend(int(theta[0]) for theta in thetas)
+        return [[] for _ in thetas]
 
     problem = SimpleNamespace(model=SimpleNamespace(width=1280))
     scene = SimpleNamespace(problem=problem, segments=np.zeros((2, 2, 2)), hypotheses=hypotheses_of)
