@@ -470,6 +470,11 @@ class FieldTemplate(BaseModel):
         normal = np.array([y0 - y1, x1 - x0]) / np.hypot(x1 - x0, y1 - y0)
         return np.array([normal[0], normal[1], -normal @ (x0, y0)])
 
+    @cached_property
+    def line_rows(self) -> Array:
+        """All straight markings as homogeneous lines (T, 3), as of :meth:`line_coordinates`."""
+        return _keep(np.array([self.line_coordinates(line) for line in self.lines]).reshape(-1, 3))
+
     def polylines(self, step_m: float = 0.25) -> dict[str, Array]:
         """Centrelines of every element as polylines ``{name: (N, 2)}``, for drawing."""
         drawn: dict[str, Array] = {}

@@ -49,7 +49,6 @@ from circlecal.line_naming.view_refinement import (
     circle_conics,
     curves_of,
     distances_from_circles,
-    marking_lines,
     refine_views,
 )
 
@@ -355,7 +354,7 @@ def _match(
     back = np.asarray(np.linalg.inv(homographies(theta, model)), np.float64)
     # the first ends of all lines, then their last ones
     count, ends = len(segments), lift(np.concatenate([segments[:, 0], segments[:, 1]])).T
-    seen = (marking_lines(template) @ back).reshape(-1, 3)  # lines go by the inverse transpose
+    seen = (template.line_rows @ back).reshape(-1, 3)  # lines go by the inverse transpose
     seen /= np.sqrt(seen[:, :1] * seen[:, :1] + seen[:, 1:2] * seen[:, 1:2])
     off_ends = seen @ ends
     np.abs(off_ends, out=off_ends)
@@ -410,10 +409,10 @@ def _missing_px(theta: Array, matches: _Matches, template: FieldTemplate, model:
     length = np.where(inside[..., 1:] & inside[..., :-1], np.sqrt(by_x * by_x + by_y * by_y), 0.0)
     metres = (share[:-1, 0] + 0.5 / NODES) * np.linalg.norm(drawn[:, 1] - drawn[:, 0], axis=-1)[:, None]
     covered = np.zeros(length.shape, np.bool_)
-    low, high = matches.along[..., 0], matches.along[..., 1]
     for s in range(matches.marking.shape[1]):
-        own = matches.marking[:, s, None, None] == np.arange(len(drawn))[:, None]
-        covered |= own & (metres >= low[:, s, None, None]) & (metres <= high[:, s, None, None])
+        camera = np.flatnonzero(matches.marking[:, s] >= 0)
+        marking, along = matches.marking[camera, s], matches.along[camera, s]
+        covered[camera, marking] |= (metres[marking] >= along[:, :1]) & (metres[marking] <= along[:, 1:])
     return np.asarray(np.where(covered, 0.0, length).sum(axis=(1, 2)))
 
 
@@ -440,17 +439,30 @@ def _lie_near_rings(
     x, y = _see_places(theta, rings, model)
     # nearest place, and half a step between two places at most beside it
     step = np.nan_to_num(np.sqrt(np.diff(x, axis=2) ** 2 + np.diff(y, axis=2) ** 2)).max(axis=2, initial=0.0)
-    x, y = (np.where(np.isfinite(values), values, np.inf)[:, :, None] for values in (x, y))
+    x, y = (np.where(np.isfinite(values), values, np.inf) for values in (x, y))
     reach_px = np.full((len(theta), count, 1), reach * ON_ARC_PX * model.width / 1920.0)
     reach_px[:, circle_count:] += step[..., None] / 2
     back = np.asarray(np.linalg.inv(homographies(theta, model)), np.float64)[:, None]
     circles = circle_conics(template.circles, template)
     for points in curves:
-        aside, above = points[:, :1] - x, points[:, 1:] - y
-        of_arcs = np.sqrt((aside * aside + above * above).min(axis=3, initial=np.inf))
+        of_arcs = _distances_from_arcs(points, x, y, reach_px[:, circle_count:, 0])
         of_circles = np.abs(distances_from_circles(back, circles, points))
         nearest = np.concatenate([of_circles, of_arcs], axis=1)
         yield np.asarray((nearest < reach_px).mean(axis=2)), np.asarray(nearest.mean(axis=2))
+
+
+def _distances_from_arcs(points: Array, x: Array, y: Array, reach_px: Array) -> Array:
+    """Distances (B, A, N) of pixels (N, 2) from the nearest places (B, A, M) of arcs; inf where all of them lie further
+    away than the reach (B, A).
+    """
+    middle = points.mean(axis=0)
+    radius = float(np.linalg.norm(points - middle, axis=1).max())
+    away = np.sqrt(((middle[0] - x) ** 2 + (middle[1] - y) ** 2).min(axis=2, initial=np.inf))
+    near = away < reach_px + radius + 1.0
+    found = np.full((*near.shape, len(points)), np.inf)
+    aside, above = points[:, :1] - x[near][:, None], points[:, 1:] - y[near][:, None]
+    found[near] = np.sqrt((aside * aside + above * above).min(axis=2, initial=np.inf))
+    return found
 
 
 def find_arc(points: Array, theta: Array, template: FieldTemplate, model: ProjectionModel) -> str | None:

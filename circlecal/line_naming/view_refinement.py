@@ -17,7 +17,7 @@ from circlecal.geometry.camera_parameters import LOG_FOCAL, PAN, POSITION, ROLL,
 from circlecal.geometry.conics import circle_conic
 from circlecal.geometry.projective import Array, Indices, lift
 
-__all__ = ["SeenMarkings", "circle_conics", "curves_of", "distances_from_circles", "marking_lines", "refine_views"]
+__all__ = ["SeenMarkings", "circle_conics", "curves_of", "distances_from_circles", "refine_views"]
 
 MOVED = [LOG_FOCAL, PAN, TILT, ROLL, *range(POSITION.start, POSITION.stop)]
 """Parameters of a camera without lens."""
@@ -64,11 +64,6 @@ def curves_of(template: FieldTemplate) -> tuple[Circle, ...]:
     return (*template.circles, *template.arcs)
 
 
-def marking_lines(template: FieldTemplate) -> Array:
-    """Straight markings as homogeneous lines (T, 3) of the field, ``a^2 + b^2 = 1``."""
-    return np.array([template.line_coordinates(line) for line in template.lines]).reshape(-1, 3)
-
-
 def refine_views(
     theta: Array, seen: SeenMarkings, template: FieldTemplate, curves: tuple[Circle, ...], model: ProjectionModel
 ) -> Array:
@@ -105,7 +100,7 @@ def _distances_of_lines(back: Array, seen: SeenMarkings, template: FieldTemplate
     """How far the ends of seen lines lie from their markings (K, B, 2 S), pixels, under cameras by their inverse
     homographies (K, B, 3, 3); 0 without a name.
     """
-    lines = marking_lines(template)[seen.markings] @ back  # lines go by the inverse transpose
+    lines = template.line_rows[seen.markings] @ back  # lines go by the inverse transpose
     a, b, c = (lines[..., k] for k in range(3))
     with np.errstate(divide="ignore", invalid="ignore"):
         unit = np.where(seen.markings >= 0, 1.0 / np.sqrt(a * a + b * b), 0.0)
