@@ -36,9 +36,6 @@ USUAL_BLUR_PX, USUAL_STRENGTH = 0.8, 0.3
 """Standard deviation of a picture's blur, and light of an old coat over that of the new paint, before they are told."""
 _FIRST, _ALONE = 2 * ORDER + 1, 2 * ORDER + 4
 """Numbers of the harmonics, and of all parameters of one band."""
-_OF_ONE = (*[0] * _FIRST, 1, 1, 2)
-_OF_BOTH = (*_OF_ONE, 3, 4, 5, 5, 5)
-"""By which of place, blur, width, strength, old width and place beside each parameter moves the bands."""
 _NEW = np.array([1.0, -1.0])
 """Heights of the steps of the new band."""
 _ERF = (0.3480242, -0.0958798, 0.7478556, 0.47047)
@@ -141,13 +138,20 @@ class CoatBands(DenseProblem):
         self.expected = np.zeros(len(self._prior))
 
     def evaluate(self, parameters: Array) -> NormalState:
-        """Costs, gradients and normal equations at parameters (K, P)."""
-        residual, slope = self.linearise(parameters)
-        residual, slope = residual.reshape(len(slope), -1), slope.reshape(*slope.shape[:2], -1)
-        weighted = slope * weigh(residual)[:, None]
-        gradient = (weighted @ residual[..., None])[..., 0] + parameters / self._prior**2
-        normal = weighted @ slope.transpose(0, 2, 1) + np.diag(1.0 / self._prior**2)
-        return NormalState(parameters, self._loss(residual, parameters), gradient, normal)
+        """Costs, gradients and normal equations at parameters (K, P).
+
+        What a parameter does in a sector is one of few things that happen to the bands there, so many times: the sums
+        over the samples are those of these things alone.
+        """
+        residual, slope, turned = self._linearise(parameters)
+        weighted = slope * weigh(residual)
+        gram = weighted.transpose(1, 2, 0, 3) @ slope.transpose(1, 2, 3, 0)
+        along = (weighted * residual).sum(axis=-1).transpose(1, 2, 0).reshape(len(parameters), 1, -1)
+        by_parameter = turned.reshape(len(parameters), -1, turned.shape[-1])
+        gradient = (along @ by_parameter)[:, 0] + parameters / self._prior**2
+        normal = by_parameter.swapaxes(1, 2) @ (gram @ turned).reshape(by_parameter.shape)
+        loss = self._loss(residual.reshape(len(parameters), -1), parameters)
+        return NormalState(parameters, loss, gradient, normal + np.diag(1.0 / self._prior**2))
 
     def cost(self, parameters: Array) -> Array:
         """Costs (K,) at parameters (K, P)."""
@@ -158,22 +162,29 @@ class CoatBands(DenseProblem):
         """What the bands of parameters (K, P) leave of the profiles (K, B, S), standard deviations, and its derivatives
         by them (K, P, B, S).
         """
+        residual, slope, turned = self._linearise(parameters)
+        return residual, (turned.swapaxes(2, 3) @ slope.transpose(1, 2, 0, 3)).swapaxes(1, 2)
+
+    def _linearise(self, parameters: Array) -> tuple[Array, Array, Array]:
+        """What is left of the profiles (K, B, S), standard deviations, its derivatives by all that happens to the bands
+        of a sector (A, K, B, S), and how much of that each parameter does there (K, B, A, P).
+        """
         bands = self.read(parameters)
         band, slope = self._draw(bands)
         residual, light = self._leave(band)
         by_light = (slope * (residual * self._profiles.noise - light[..., None] * band)).sum(axis=-1)
         by_light *= (light > 0.0) / np.maximum((band * band).sum(axis=-1), 1e-9)
         slope = -(by_light[..., None] * band + light[..., None] * slope) / self._profiles.noise
-        across = (self._waves.T * self._profiles.scale)[None]
+        across = self._waves * self._profiles.scale[:, None]
         turn = self._profiles.turn / bands.blur[..., None]
-        parts = [across, (bands.rows * turn[..., 0])[:, None], (bands.columns * turn[..., 1])[:, None]]
-        parts.append(bands.width[:, None])
+        turned = np.zeros((*band.shape[:2], len(slope), len(self._prior)))
+        turned[..., 0, :_FIRST] = across
+        turned[..., 1, _FIRST], turned[..., 1, _FIRST + 1] = bands.rows * turn[..., 0], bands.columns * turn[..., 1]
+        turned[..., 2, _FIRST + 2] = bands.width
         if self._has_old:
-            parts += [np.ones((1, 1, 1)), bands.old_width[:, None], across[:, :3]]
-        shape = len(parameters), -1, len(self._waves)
-        factor = np.concatenate([np.broadcast_to(part, (shape[0], part.shape[1], shape[2])) for part in parts], axis=1)
-        which = _OF_BOTH if self._has_old else _OF_ONE
-        return residual, slope.swapaxes(0, 1)[:, which] * factor[..., None]
+            turned[..., 3, _ALONE], turned[..., 4, _ALONE + 1] = 1.0, bands.old_width
+            turned[..., 5, _ALONE + 2 :] = across[:, :3]
+        return residual, slope, turned
 
     def gain(self, parameters: Array) -> Array:
         """By how much the bands of parameters (K, P) lower the loss of each sector (K, B)."""
