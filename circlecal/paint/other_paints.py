@@ -66,8 +66,8 @@ def leave_out_other_paints(image: NDArray[np.uint8], cues: Cues, ellipses: Ellip
     band_px : float or None
         Width of the circle's paint where it is widest, pixels.
     """
-    colour = _measure_circle(image, ellipses, band_px)
-    if colour is None or not cues.lines:
+    colour = _measure_circle(image, ellipses, band_px) if cues.lines else None
+    if colour is None:
         return cues
     added = _measure_lines(image, cues.lines)
     is_other = [
@@ -82,8 +82,8 @@ def leave_out_yellow_lines(image: NDArray[np.uint8], cues: Cues, ellipses: Ellip
     :func:`leave_out_other_paints`, which compares all colours. Mown stripes and haze change what white paint adds to
     grass, but do not make it yellow.
     """
-    colour = _measure_circle(image, ellipses, band_px)
-    if colour is None or not cues.lines:
+    colour = _measure_circle(image, ellipses, band_px) if cues.lines else None
+    if colour is None:
         return cues
     told = zip(cues.lines, _measure_lines(image, cues.lines), strict=True)
     return _set_apart(cues, [_is_yellow_on_grass(image, line, own, colour) for line, own in told])
