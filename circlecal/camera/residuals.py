@@ -65,6 +65,16 @@ class CurvePoints:
         return np.asarray(self.radius == 0, dtype=np.bool_)
 
     @cached_property
+    def round_part(self) -> tuple[slice, Array | None]:
+        """From the first to the last point on a circle, and 1 for those of them (K,) that are, 0 for others; None where
+        all are.
+        """
+        on_circles = np.flatnonzero(~self.straight)
+        part = slice(int(on_circles[0]), int(on_circles[-1]) + 1) if len(on_circles) else slice(0, 0)
+        among = self.straight[part]
+        return part, np.where(among, 0.0, 1.0) if among.any() else None
+
+    @cached_property
     def scale(self) -> Array:
         """Metres (N,) per unit of the foot parameters."""
         return np.where(self.straight, 1.0, np.maximum(self.radius, 1e-9))
@@ -75,14 +85,20 @@ class CurvePoints:
         return bool(self.straight.any())
 
     @cached_property
+    def has_bloom(self) -> bool:
+        """Whether any of the points is on an edge, which bloom moves."""
+        return bool(self.bloom_sign.any())
+
+    @cached_property
     def has_shifts(self) -> bool:
         """Whether the sizes of the field move any of the points' markings."""
         return bool(self.shift.any())
 
     @cached_property
-    def largest_move(self) -> Array:
-        """Of the feet (N,) in one Newton step."""
-        return np.where(self.straight, *LARGEST_MOVE)
+    def largest_moves(self) -> Array:
+        """Of the feet in one Newton step, to both sides (2, N)."""
+        most = np.where(self.straight, *LARGEST_MOVE)
+        return np.array([-most, most])
 
     @cached_property
     def rows(self) -> tuple[Array, Array, Array]:
@@ -255,12 +271,12 @@ def _points_on_markings(
     """
     origin, direction, shift = curves.rows
     B, N = feet.shape
-    outward = np.empty((B, 2, N))
-    np.cos(feet, out=outward[:, 0])
-    np.sin(feet, out=outward[:, 1])
-    lines = curves.has_lines
-    if lines:
-        outward *= ~curves.straight
+    outward = np.zeros((B, 2, N))
+    part, are_round = curves.round_part
+    np.cos(feet[:, part], out=outward[:, 0, part])
+    np.sin(feet[:, part], out=outward[:, 1, part])
+    if are_round is not None:
+        outward[:, :, part] *= are_round
     places, tangents = np.zeros((2, B, 2, N + 2 * len(points.sigma_px)))
     on_curves, at_points = places[..., :N], places[..., N:]
     sizes = theta[:, SIZES]
@@ -271,7 +287,7 @@ def _points_on_markings(
     radius = curves.radius + curves.radius_by_width * theta[:, INDEX["width"], None]
     np.multiply(radius[:, None], outward, out=on_curves)
     on_curves += origin
-    if lines:
+    if curves.has_lines:
         on_curves += feet[:, None] * direction
     if curves.has_shifts and sizes.any():
         on_curves += (sizes[:, None] @ shift.reshape(*shift.shape[:-3], 3, 2 * N)).reshape(B, 2, N)
@@ -341,7 +357,7 @@ def _move_feet(
     count = feet.shape[1]
     observed = np.empty((*curves.points_px.shape[:-2], 2, count + 2 * len(points.sigma_px)))
     observed[..., :count], observed[..., count:] = np.swapaxes(curves.points_px, -1, -2), points.twice[1]
-    limit = curves.largest_move
+    least, most = curves.largest_moves
     for step in range(updates + 2):
         places, tangents, outward = _points_on_markings(curves, feet, theta, points)
         seen = project(theta, places.swapaxes(1, 2), model)
@@ -350,7 +366,7 @@ def _move_feet(
         difference = observed - seen.xy
         length2 = np.maximum(along_x * along_x + along_y * along_y, 1e-18)
         beside = difference[:, 0, :count] * along_x + difference[:, 1, :count] * along_y
-        feet = feet + np.minimum(np.maximum(beside / (length2 * curves.scale), -limit), limit)
+        feet = feet + np.minimum(np.maximum(beside / (length2 * curves.scale), least), most)
         length = np.sqrt(length2)
         if step >= updates and (np.abs(beside) < NEAR_PX * length).all():
             break
@@ -394,10 +410,12 @@ def curve_residuals(
     np.multiply(along_x, unit, out=inward[:, 1, :count])
     if len(points.sigma_px):
         inward[:, :, count:] = -points.across
-    bloom = curves.bloom_sign / sigma
     values = -(inward[:, 0] * difference[:, 0] + inward[:, 1] * difference[:, 1])
-    values[:, :count] -= bloom * theta[:, INDEX["bloom"], None]
     rows, field = seen.gradient(inward)
+    if curves.has_bloom:
+        bloom = curves.bloom_sign / sigma
+        values[:, :count] -= bloom * theta[:, INDEX["bloom"], None]
+        rows[:, INDEX["bloom"], :count] = -bloom
     field_x, field_y, shift = field[:, :1, :count], field[:, 1:, :count], curves.rows[2]
     if curves.has_shifts:
         by_size = field_x * shift[..., 0, :] + field_y * shift[..., 1, :]
@@ -407,5 +425,4 @@ def curve_residuals(
         rows[:, SIZES[0], count:], rows[:, SIZES[1] : SIZES[2] + 1, count:] = by_size[:, 0], by_size[:, 1:]
     outside = field_x[:, 0] * outward[:, 0] + field_y[:, 0] * outward[:, 1]
     rows[:, SIZES[0], :count] += curves.radius_by_width * outside
-    rows[:, INDEX["bloom"], :count] = -bloom
     return Residuals(values, rows.swapaxes(1, 2), feet, seen.depth[:, :count] < NEAREST_M, field)
