@@ -77,7 +77,7 @@ class VerdictConfig(BaseModel):
         gt=0,
         description="Largest predicted error of the field around the circle, or around what is seen instead of it, "
         "pixels at 1920 px width; smaller where a refused frame is better than one that is known roughly. Frames "
-        "that `circlecal track` answers may have 48 or three quarters of it, on all of the pitch that is in view.",
+        "that `circlecal track` answers may have as much, on all of the pitch that is in view.",
     )
     max_mean_sigma_px: float = Field(
         24.0,

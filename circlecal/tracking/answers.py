@@ -33,17 +33,17 @@ frames lie as near as this on both sides: in a blurred moment of a fast pan.
 """
 FAR = 10**6
 """Frames to a confirmed one where there is none."""
-GRID_M = 5.0
-"""Step of the grid over the pitch on which standard deviations are taken."""
-LARGEST_SIGMA_PX, MEAN_SIGMA_PX = 48.0, 8.0
-"""Standard deviations of an answer, anywhere on what is seen of the pitch and on average over it, pixels at 1920 px
-width, that are usual limits: three quarters and a third of those of a frame alone. A camera that stands still before
-circle and a touchline leaves the width of its pitch open. Of 17 such rendered clips two have 38 and 46 px in a corner
-of the picture, 7 and 8 on average, and mean errors of 3 px; with 57 px there, or with 9 to 10 on average, the mean
-errors of three others are 2.5 to 7 px. Before a pitch of 110 by 89 m these are 42 and 9 px, and the mean error is 9 px.
+GRID_M = 2.5
+"""Step of the grid over the pitch on which standard deviations are taken, metres: with 5 m their mean jumps by 0.35 px
+in a picture that hardly moves, as a place comes into view at its border, with 2.5 m by 0.12 px, and with 1 m by 0.04.
 """
-LARGEST_SHARE, MEAN_SHARE = 3 / 4, 1 / 3
-"""Of the limits of a frame alone, where these were raised so far that it is more than the usual ones."""
+MEAN_SIGMA_PX, MEAN_SHARE = 8.0, 1 / 3
+"""Mean standard deviation of an answer over what is seen of the pitch, pixels at 1920 px width, that is the usual
+limit, and its share of that of a frame alone, which counts where that was raised so far that it is more. A camera that
+stands still before circle and a touchline leaves the width of its pitch open. Of 17 such clips two have 7 and 8 px on
+average and 38 and 47 in a corner of the picture, and mean errors of 3 px; with 9 to 10 on average the mean errors of
+three others are 2.5 to 7 px. Before a pitch of 110 by 89 m these are 9 and 42 px, and the mean error is 9 px.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,12 +57,11 @@ class SigmaLimits:
 
     @classmethod
     def of(cls, config: VerdictConfig) -> SigmaLimits:
-        """Those that follow from the limits of frames alone, which hold where they are lower than the usual ones."""
-        largest_px, mean_px = config.max_sigma_px, config.max_mean_sigma_px
-        return cls(
-            min(largest_px, max(LARGEST_SIGMA_PX, LARGEST_SHARE * largest_px)),
-            min(mean_px, max(MEAN_SIGMA_PX, MEAN_SHARE * mean_px)),
-        )
+        """Those that follow from the limits of frames alone: the largest one as it is, the mean one where it is lower
+        than the usual one.
+        """
+        mean_px = config.max_mean_sigma_px
+        return cls(config.max_sigma_px, min(mean_px, max(MEAN_SIGMA_PX, MEAN_SHARE * mean_px)))
 
 
 def answer_shot(entries: list[Entry], count: int, limits: SigmaLimits) -> Iterator[TrackedFrame]:

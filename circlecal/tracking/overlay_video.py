@@ -11,9 +11,10 @@ from circlecal.overlay.clip_overlay import draw_clip_frame
 from circlecal.pictures.video import Video, pictures_at
 from circlecal.pictures.video_writer import write_video
 from circlecal.records.record import ResultRecord
-from circlecal.tracking.answers import LARGEST_SIGMA_PX
 
 OVERLAY_NAME = "overlay.mp4"
+OPEN_SIGMA_PX = 32.0
+"""Standard deviation, pixels at 1920 px width, from which on a marking is dashed."""
 
 
 def write_overlay_video(
@@ -54,7 +55,7 @@ def write_overlay_video(
             time_s = _time(record)
             if picture is not None and time_s is not None:
                 facts = frame_facts(record)
-                drawn = draw_clip_frame(picture, record.view, template, circle.name, time_s, facts, LARGEST_SIGMA_PX)
+                drawn = draw_clip_frame(picture, record.view, template, circle.name, time_s, facts, OPEN_SIGMA_PX)
                 writer.write(drawn, time_s)
             on_frame(record.id)
 

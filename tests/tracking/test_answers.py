@@ -91,9 +91,9 @@ def test_the_limits_follow_those_of_the_configuration() -> None:
         found = SigmaLimits.of(load_config(None, options).verdict)
         return found.largest_px, found.mean_px
 
-    assert (LIMITS.largest_px, LIMITS.mean_px) == (48.0, 8.0)
+    assert (LIMITS.largest_px, LIMITS.mean_px) == (64.0, 8.0)
     assert limits(20.0, 5.0) == (20.0, 5.0)
-    assert limits(100.0, 30.0) == (75.0, 10.0)
+    assert limits(100.0, 30.0) == (100.0, 10.0)
 
     entries = _entries([0] * 3)
     sigma_px = list(answer_shot(entries, 3, LIMITS))[1].sigma_px
