@@ -28,6 +28,11 @@ Size = Literal["usual", "other_length", "any"]
 """Of a field: that of the template, its width with any length that the rules allow, or any that they allow."""
 
 
+def are_usual(size: Size) -> tuple[bool, bool]:
+    """Whether the length, and whether the width, of a field of this kind of size is the template's."""
+    return size == "usual", size != "any"
+
+
 @dataclass(frozen=True, slots=True)
 class World:
     """What one hypothesis says of the field, and the share of fields that are like that: its size, flat or crowned, and
@@ -58,8 +63,7 @@ class World:
         """
         mean, sd = current.mean.copy(), current.sd.copy()
         mean[SIZES_AND_CROWN], sd[SIZES_AND_CROWN] = usual.mean[SIZES_AND_CROWN], usual.sd[SIZES_AND_CROWN]
-        is_usual = self.size == "usual", self.size != "any"
-        for index, is_known, extent in zip((LENGTH, BREADTH), is_usual, template.extents, strict=True):
+        for index, is_known, extent in zip((LENGTH, BREADTH), are_usual(self.size), template.extents, strict=True):
             if not is_known and extent.range_m is not None and sd[index] > 0:
                 # mean and standard deviation of a uniform distribution
                 least, most = extent.range_m

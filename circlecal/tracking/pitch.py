@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.camera.spike_and_slab import UNLIKELY_SHARE
-from circlecal.camera.world import Size
+from circlecal.camera.world import Size, are_usual
 from circlecal.field import FieldTemplate
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import SurfaceShape
@@ -250,16 +250,17 @@ def priors_of_sizes(
     """
     is_untold = untold_sizes(tripod, sd)
     is_other = ~is_untold & ((sd[SIZE] > 0.0) | (mean[SIZE] != 0.0))
-    kinds: dict[tuple[bool, ...], float] = {}
+    shares_by_near: dict[tuple[bool, ...], float] = {}
     for size, share in shares.items():
-        is_usual = np.array([size == "usual", size != "any"])
+        is_usual = np.array(are_usual(size))
         if not (is_usual & is_other).any():
             near = tuple((is_usual & is_untold).tolist())
-            kinds[near] = kinds.get(near, 0.0) + share
-    return [
-        (np.where(near, 0.0, mean), np.where(near, USUAL_SD_M, sd), share)
-        for near, share in ((_at_sizes(np.array(near)), share) for near, share in kinds.items())
-    ]
+            shares_by_near[near] = shares_by_near.get(near, 0.0) + share
+    priors = []
+    for near, share in shares_by_near.items():
+        at = _at_sizes(np.array(near))
+        priors.append((np.where(at, 0.0, mean), np.where(at, USUAL_SD_M, sd), share))
+    return priors
 
 
 def _at_sizes(chosen: NDArray[np.bool_]) -> NDArray[np.bool_]:
