@@ -357,7 +357,7 @@ def calibrate_video(
     """
     chosen = configure(config, field, set)
     template, _ = field_of(chosen)
-    sampling = Sampling.parse(str(every), *(None if time is None else str(time) for time in (start, end)))
+    sampling = Sampling.parse(every, start, end)
     video = open_video(path, chosen)
     return _calibrations(video, sampling, chosen, template)
 

@@ -73,14 +73,19 @@ class Sampling:
 
     @classmethod
     def parse(
-        cls, every: str = DEFAULT_EVERY, start: str | None = None, end: str | None = None, *, dashes: str = ""
+        cls,
+        every: str | int = DEFAULT_EVERY,
+        start: str | float | None = None,
+        end: str | float | None = None,
+        *,
+        dashes: str = "",
     ) -> Sampling:
         """From options such as ``1s``, ``500ms``, ``10`` (frames); ``90``, ``1:30`` or ``0:01:30.5``.
 
         Parameters
         ----------
-        every, start, end : str
-            What the user gave; ``start`` and ``end`` may be None.
+        every, start, end : str or number
+            What the user gave: a number counts frames, or is a time in seconds. ``start`` and ``end`` may be None.
         dashes : str
             What stands before the names of the three in messages: ``--`` on the command line.
 
@@ -89,9 +94,10 @@ class Sampling:
         InputError
             Anything else.
         """
-        match = _DURATION.fullmatch(every.strip())
+        period = str(every).strip()
+        match = _DURATION.fullmatch(period)
         seconds = None if match is None else float(match[1]) * _UNITS[match[2]]
-        frames = int(every) if _COUNT.fullmatch(every) else None
+        frames = int(period) if _COUNT.fullmatch(period) else None
         if not frames and not (seconds and seconds >= _SHORTEST_PERIOD_S):
             raise InputError(
                 f"{dashes}every {every}: must be a time such as 1s or 500ms, or a number of frames such as 25"
@@ -103,10 +109,11 @@ class Sampling:
         return cls(seconds, frames, start_s, end_s)
 
 
-def _clock(text: str, option: str) -> float:
+def _clock(time: str | float, option: str) -> float:
+    text = f"{time:.9f}" if isinstance(time, (int, float, np.number)) else str(time)
     match = _CLOCK.fullmatch(text.strip().removesuffix("s"))
     if match is None:
-        raise InputError(f"{option} {text}: must be seconds, MM:SS or HH:MM:SS, such as 12:03.5")
+        raise InputError(f"{option} {time}: must be seconds, MM:SS or HH:MM:SS, such as 12:03.5")
     hours, minutes, seconds = match.groups(default="0")
     if (match[2] is not None and float(seconds) >= 60.0) or (match[1] is not None and int(minutes) >= 60):
         raise InputError(f"{option} {text}: has 60 or more minutes or seconds behind a colon; write them as such")

@@ -65,7 +65,7 @@ def track(
         As for :func:`circlecal.calibrate`.
     """
     chosen = configure(config, field, set)
-    sampling = Sampling.parse(str(every), *(None if time is None else str(time) for time in (start, end)))
+    sampling = Sampling.parse(every, start, end)
     video = open_video(path, chosen)
     if venue is None:
         chosen = name_field([video], sampling, chosen)

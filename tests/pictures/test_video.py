@@ -75,6 +75,14 @@ def test_an_end(video):
     assert Sampling.parse("1s", "93:20").start_s == 93 * 60 + 20, "minutes of a match are counted past the hour"
 
 
+def test_times_as_numbers():
+    assert Sampling.parse("1s", 0.1 + 0.2, 3.4000000000000004) == Sampling.parse("1s", "0.3", "3.4")
+    assert Sampling.parse(5, 1e-5, np.float32(2)) == Sampling.parse("5", "0.00001", "2")
+    for wrong in (-1.0, float("nan"), 1e12, Path("x")):
+        with pytest.raises(InputError, match=rf"^start {wrong}: must be seconds"):
+            Sampling.parse("1s", wrong)
+
+
 def test_a_rate_that_is_no_whole_number(tmp_path):
     path = write_video(tmp_path / "match.mp4", "mp4v", 400, 30000 / 1001)
     assert [number for number, _ in taken(path, "1s")][:5] == [0, 30, 60, 90, 120]
