@@ -13,7 +13,7 @@ import json
 import math
 import os
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -223,7 +223,7 @@ def load_config(
         path = _find_config(file)
         source = str(path)
         content = _read_mapping(path)
-        _resolve_files(content, path.parent)
+        _change_files(content, lambda named: str(path.parent / named))
     origins: dict[str, str] = {}
     for override in overrides.items() if isinstance(overrides, Mapping) else overrides:
         key, told = _apply_override(content, override)
@@ -352,45 +352,31 @@ def _kind(value: Any) -> str:
     return json.dumps(value, default=str)
 
 
+TEMPLATE_KEYS = (("field", "template"), ("field", "among"))
 MODEL_KEYS = (("mask", "model"), ("keypoints", "model"), ("keypoints", "lines_model"))
-"""The keys that name files of networks."""
-
-
-def _file_keys(config: Config) -> tuple[tuple[str, str], ...]:
-    """The keys that name files of the user: networks, and the template where it is one."""
-    return (("field", "template"), *MODEL_KEYS) if _is_own_template(config.field.template) else MODEL_KEYS
+"""The keys that name files of the user: templates, where they are not built in, and networks."""
 
 
 def absolute_files(config: Config) -> Config:
     """The configuration as a process with another working folder must have it: its templates and networks named by
     their whole paths.
     """
-    changes: dict[str, Any] = {}
-    for name, key in _file_keys(config):
-        section = changes.get(name, getattr(config, name))
-        file = getattr(section, key)
-        if file is not None:
-            changes[name] = section.model_copy(update={key: str(Path(file).absolute())})
-    among = config.field.among
-    whole = tuple(str(Path(entry).absolute()) if _is_own_template(entry) else entry for entry in among)
-    if whole != among:
-        changes["field"] = changes.get("field", config.field).model_copy(update={"among": whole})
-    return config.model_copy(update=changes)
+    content = config.model_dump(exclude_unset=True)
+    _change_files(content, lambda named: str(Path(named).absolute()))
+    return Config.model_validate(content)
 
 
-def _resolve_files(content: dict[str, Any], folder: Path) -> None:
-    """A template or a network's file named in a configuration file lies relative to that file."""
-    for name, key in (("field", "template"), *MODEL_KEYS):
+def _change_files(content: dict[str, Any], change: Callable[[str], str]) -> None:
+    """Write what ``change`` makes of its name for every file of the user that the content of a configuration names."""
+    for name, key in (*TEMPLATE_KEYS, *MODEL_KEYS):
         section = content.get(name)
-        file = section.get(key) if isinstance(section, dict) else None
-        named_file = isinstance(file, str) and (key != "template" or _is_own_template(file))
-        if isinstance(section, dict) and named_file:
-            section[key] = str(folder / str(file))
-    section = content.get("field")
-    among = section.get("among") if isinstance(section, dict) else None
-    if isinstance(section, dict) and isinstance(among, list):
-        own = [isinstance(entry, str) and _is_own_template(entry) for entry in among]
-        section["among"] = [str(folder / entry) if is_own else entry for entry, is_own in zip(among, own, strict=True)]
+        if not isinstance(section, dict) or key not in section:
+            continue
+        is_file = _is_own_template if (name, key) in TEMPLATE_KEYS else bool
+        named = section[key]
+        many = list(named) if isinstance(named, list | tuple) else [named]
+        many = [change(entry) if isinstance(entry, str) and is_file(entry) else entry for entry in many]
+        section[key] = type(named)(many) if isinstance(named, list | tuple) else many[0]
 
 
 def _apply_override(content: dict[str, Any], override: str | NamedOption | tuple[str, Any]) -> tuple[str, str]:
@@ -518,17 +504,14 @@ def config_digest(config: Config) -> str:
     networks.
     """
     content = config.model_dump(mode="json", exclude={"output", "rig", "limits"})
-    for name, key in _file_keys(config):
-        content[name][key] = _file_digest(content[name][key])
-    among = content["field"]["among"]
-    content["field"]["among"] = [_file_digest(entry) if _is_own_template(entry) else entry for entry in among]
+    _change_files(content, _file_digest)
     canonical = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(canonical.encode()).hexdigest()[:12]
 
 
-def _file_digest(name: str | None) -> str | None:
+def _file_digest(name: str) -> str:
     """Digest of a file's content, or the name where there is no such file."""
-    if name is None or not is_file(Path(name)):
+    if not is_file(Path(name)):
         return name
     status = Path(name).stat()
     return _content_digest(name, status.st_size, status.st_mtime_ns)

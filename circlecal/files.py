@@ -38,23 +38,19 @@ def file_size(path: str | Path) -> int | None:
     return status.st_size if stat.S_ISREG(status.st_mode) else None
 
 
-def are_different(first: str | Path, second: str | Path) -> bool:
-    """Whether two paths name different files of different sizes: not what was copied, and not what is missing."""
-    try:
-        one, other = Path(first).stat(), Path(second).stat()
-    except (OSError, ValueError):
-        return False
-    return stat.S_ISREG(one.st_mode) and not os.path.samestat(one, other) and one.st_size != other.st_size
+def are_different(first: str | Path, second: str | Path, *, by_content: bool = False) -> bool:
+    """Whether two paths name different files: of different sizes, or by content too, which takes time for videos.
 
-
-def have_different_content(first: str | Path, second: str | Path) -> bool:
-    """Whether two paths name files of different content: not what was copied, and not what is missing."""
+    False for what was copied, and for what is missing.
+    """
     try:
         one, other = Path(first).stat(), Path(second).stat()
         are_files = stat.S_ISREG(one.st_mode) and stat.S_ISREG(other.st_mode)
         if not are_files or os.path.samestat(one, other):
             return False
-        return one.st_size != other.st_size or not filecmp.cmp(first, second, shallow=False)
+        if one.st_size != other.st_size:
+            return True
+        return by_content and not filecmp.cmp(first, second, shallow=False)
     except (OSError, ValueError):
         return False
 

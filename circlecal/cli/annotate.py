@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -15,6 +15,7 @@ from circlecal.cli import options
 
 if TYPE_CHECKING:
     from circlecal.config import Config
+    from circlecal.workbench.frames import RunFacts
 
 
 def annotate(
@@ -117,33 +118,17 @@ def _suit_runs(runs: Sequence[Path], field: str | None, choose: Callable[..., Co
 
     Raises
     ------
-    InputError
-        Another field is named than a run's, the records tell several and none is named, or the field has no template
-        here.
-    ConfigError
-        As :func:`circlecal.cli.options.choose_config`.
+    InputError, ConfigError
+        As :func:`_choose_field`.
     """
     from circlecal.cli import console
     from circlecal.config import AUTO, config_digest
-    from circlecal.errors import ConfigError, InputError
+    from circlecal.errors import ConfigError
     from circlecal.pipeline import field_of
     from circlecal.workbench.frames import RunFacts
 
-    plain = choose(field, is_plain=True)
-    is_named = "field" in plain.model_fields_set and "template" in plain.field.model_fields_set
     made = {run: RunFacts.of(run) for run in runs}
-    for run, facts in made.items():
-        told, own = " and ".join(facts.fields), field_of(plain)[0].name
-        if facts.fields and own not in facts.fields and is_named:
-            raise InputError(f"{run}: is of the field {told}, not of {own}; name its field with --field, or none")
-        if len(facts.fields) > 1 and not is_named:
-            raise InputError(f"{run}: is of the fields {told}; name one of them with --field")
-        if facts.fields and own not in facts.fields:
-            try:
-                plain, field = choose(told, is_plain=True), told
-            except ConfigError as error:
-                raise InputError(f"{run}: {error}; give the file of its field with --field") from error
-        is_named = True
+    field = _choose_field(made, field, choose)
     chosen, of_auto = choose(field), None
     with contextlib.suppress(ConfigError):  # sizes go with no field that pictures tell
         of_auto = config_digest(choose(AUTO, is_plain=True))
@@ -160,3 +145,36 @@ def _suit_runs(runs: Sequence[Path], field: str | None, choose: Callable[..., Co
                 "here too, so that frames are calibrated as they were"
             )
     return chosen
+
+
+def _choose_field(made: Mapping[Path, RunFacts], field: str | None, choose: Callable[..., Config]) -> str | None:
+    """The field that is named, else the one that the runs' records tell; None for that of the configuration.
+
+    Raises
+    ------
+    InputError
+        Another field is named than a run's, the records tell several and none is named, or the field has no template
+        here.
+    ConfigError
+        As :func:`circlecal.cli.options.choose_config`.
+    """
+    from circlecal.errors import ConfigError, InputError
+    from circlecal.pipeline import field_of
+
+    plain = choose(field, is_plain=True)
+    own = field_of(plain)[0].name
+    is_named = "field" in plain.model_fields_set and "template" in plain.field.model_fields_set
+    for run, fields in ((run, facts.fields) for run, facts in made.items() if facts.fields):
+        told = " and ".join(fields)
+        if own not in fields and is_named:
+            raise InputError(f"{run}: is of the field {told}, not of {own}; name its field with --field, or none")
+        if len(fields) > 1 and not is_named:
+            raise InputError(f"{run}: is of the fields {told}; name one of them with --field")
+        if own not in fields:
+            try:
+                choose(told, is_plain=True)
+            except ConfigError as error:
+                raise InputError(f"{run}: {error}; give the file of its field with --field") from error
+            field = own = told
+        is_named = True
+    return field

@@ -24,7 +24,7 @@ from pydantic import Field, field_validator, model_validator
 
 from circlecal.errors import CirclecalError, InputError
 from circlecal.field import FieldTemplate, load_field
-from circlecal.files import have_different_content
+from circlecal.files import are_different
 from circlecal.formats.cameras import Size
 from circlecal.formats.format import (
     MAX_POINTS,
@@ -148,7 +148,7 @@ class Annotation(FileModel):
 
     def is_of_another(self, picture: Path) -> bool:
         """Whether its ``source`` is another file than a picture, which is still there and of other content."""
-        return self.source is not None and have_different_content(self.source, picture)
+        return self.source is not None and are_different(self.source, picture, by_content=True)
 
     def resize(self, width: int, height: int) -> Self:
         """The annotation on a picture of another size; the corners of the picture stay its corners.
