@@ -190,6 +190,12 @@ CHECKS: dict[str, Gate] = {
         "share of the picture's width or height along which a straight step runs",
         words="a straight step runs across the picture: it is put together from several",
     ),
+    "contradictions": Gate(
+        "picture_contradicts",
+        "how near to their limits the checks of paint and ground are together (root of the sum of squared shares)",
+        words="several things speak against the camera, each a little less than would refuse it alone: paint that is "
+        "missing or too much, and ground that looks like none",
+    ),
     "noise_scale": Gate(
         "residual_too_large",
         "how many times the picture's noise circle and lines scatter about the camera",

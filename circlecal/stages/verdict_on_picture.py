@@ -4,10 +4,12 @@ fitted to, at paint that no marking explains, and at the ground around the field
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from circlecal.checks import CHECKS
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.projective import Array, apply_homography, lift, normalise_line, transform_lines
 from circlecal.observations import MarkingKey
@@ -100,6 +102,18 @@ MOST_OF_SEAM = 0.4
 """Share of the picture's width or height along which two rows or columns may meet in a step that no lens leaves: of 260
 right answers at most 0.22, of pictures whose quarters were exchanged 0.41 to 0.91 in 13 of 20.
 """
+ADDED_UP = (
+    "unexplained_widths",
+    "painted_share_of_carriers",
+    "bare_widths",
+    "rough_share",
+    "above_share",
+    "beyond_share",
+)
+MOST_TOGETHER = 1.3
+"""Checks that are added up, and the most to which they may come: the root of the summed squares of how much of its limit
+each uses up.
+"""
 LOWEST_FREE_M = 1.5
 """A camera that stands lower, metres, sees boards and walls around the field above its horizon, on grass too: those of
 rendered robots' fields reach to 1 m and have a rail of the carpet's colour.
@@ -179,9 +193,20 @@ def weigh_evidence(
         Check.of("seam_share", ground.seam_share, MOST_OF_SEAM),
         Check.of("noise_scale", camera.noise_scale, _most_noise(template)),
     )
-    checks = (*verdict.checks, *own)
-    failed = next((check for check in own if not check.passed), None)
+    together = Check.of("contradictions", _add_up(own), MOST_TOGETHER)
+    checks = (*verdict.checks, *own, together)
+    failed = next((check for check in (*own, together) if not check.passed), None)
     return replace(verdict, checks=checks) if failed is None else Verdict.refusal_by(failed, checks)
+
+
+def _add_up(checks: Sequence[Check]) -> float:
+    """How much of what :data:`ADDED_UP` allow is used up by all together: the root of the sum of squares."""
+    used = [
+        (1.0 - check.value) / (1.0 - check.limit) if CHECKS[check.name].at_least else check.value / check.limit
+        for check in checks
+        if check.name in ADDED_UP
+    ]
+    return float(np.linalg.norm(used))
 
 
 def _most_noise(template: FieldTemplate) -> float:

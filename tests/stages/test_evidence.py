@@ -120,6 +120,16 @@ def test_an_unexplained_line_in_another_paint_speaks_against_no_camera():
     assert asked == [mask.lines[1]]
 
 
+def test_what_would_refuse_nothing_alone_refuses_together():
+    """As where a banner hides most of a circle, and the camera puts the rest of it into the stands."""
+    camera = fit_of(CAMERA)
+    worn, rough = Evidence(0.05, 0.0, 0.6, 0.073, 0.0, -1.7), Surroundings(0.118, 0.0, 0.0, 0.0, 0.0)
+    assert weigh(worn, camera).status == "calibrated"
+    assert weigh(NO_PAINT, camera, rough).status == "calibrated"
+    verdict = weigh(worn, camera, rough)
+    assert verdict.code == "picture_contradicts" and "each a little less than would refuse it alone" in verdict.reason
+
+
 def test_a_segment_that_is_no_paint_says_nothing(plain):
     found = measure_evidence(plain, mask_of((OBLIQUE, ALONG)), fit_of(CAMERA), SOCCER, CARRIERS)
     assert found.oblique_widths == found.alone_widths == 0.0
