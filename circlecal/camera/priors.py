@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from circlecal.camera.viewing_coordinates import columns_of
-from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, active_parameters
+from circlecal.geometry.camera_parameters import INDEX, KAPPA_1, LOG_FOCAL, PARAMETERS, active_parameters
 from circlecal.geometry.projective import Array, Indices
 
 SHARED = (
@@ -28,6 +28,8 @@ _IN_PIXELS = ("pp_x", "pp_y")
 _BY_ZOOM = " by zoom"
 INDEFINITE = 1e-9
 """Least eigenvalue, as a correlation below 0, that rounding gives a covariance in a file."""
+MOST_WIDTHS = 1.33
+"""Picture widths over the focal length up to which :class:`ZoomLens` was measured: wider lenses are others."""
 KNOWN_POSITION_SD_M = 1.0
 """A position known to this along each axis, metres, is where the search starts. Separates cameras of a rig, whose
 position five frames determine to 0.1 m (Cramer-Rao bound), from a vague prior of the venue.
@@ -195,6 +197,36 @@ class SharedPriorConfig(BaseModel):
         )
 
 
+@dataclass(frozen=True, slots=True)
+class ZoomLens:
+    """How the radial distortion of a zoom lens follows the focal length f: ``k1 = k1_far - by_focal (w / f)^2``, pixels
+    for pictures w pixels wide.
+
+    Attributes
+    ----------
+    far, by_focal : float
+        Half-widths: at the long end, and what it has less where the focal length is one width.
+    width : int
+        Of the pictures, pixels.
+    """
+
+    far: float
+    by_focal: float
+    width: int
+
+    def kappa(self, log_focal: Array) -> Array:
+        """Usual radial distortion (...), half-widths, at logarithms of focal lengths in pixels (...)."""
+        return np.asarray(self.far - self.by_focal * np.minimum(self._square_of_widths(log_focal), MOST_WIDTHS**2))
+
+    def slope(self, log_focal: Array) -> Array:
+        """Its derivative (...) by them."""
+        squared = self._square_of_widths(log_focal)
+        return np.asarray(np.where(squared < MOST_WIDTHS**2, 2.0 * self.by_focal * squared, 0.0))
+
+    def _square_of_widths(self, log_focal: Array) -> Array:
+        return np.asarray(np.exp(2.0 * (np.log(self.width) - log_focal)))
+
+
 @dataclass(frozen=True)
 class Priors:
     """Gaussian priors of the parameters, and of a camera's usual place.
@@ -213,6 +245,8 @@ class Priors:
         By how much that moves along x per metre that the field is longer, and along y per metre that it is broader.
     shared : SharedPrior or None
         What other frames of the same camera say; the parameters that it covers have no other prior.
+    lens : ZoomLens or None
+        How the mean of the radial distortion follows the focal length; None where it does not.
     """
 
     mean: Array
@@ -224,6 +258,7 @@ class Priors:
     center_m: Array
     center_by_growth: Array = field(default_factory=lambda: np.zeros(2))
     shared: SharedPrior | None = None
+    lens: ZoomLens | None = None
 
     @property
     def standing_m(self) -> Array | None:
@@ -276,12 +311,32 @@ class Priors:
         jacobian[np.arange(len(used)), used] = 1.0 / self.sd[used]
         return used, self.mean[used], self.sd[used], jacobian
 
+    @cached_property
+    def _lens_row(self) -> int | None:
+        """Which of the parameters with a prior of their own is the radial distortion; None where it is none of them."""
+        row = np.flatnonzero(self._linear[0] == KAPPA_1)
+        return int(row[0]) if len(row) else None
+
+    def usual_kappa(self, log_focal: float) -> float:
+        """The radial distortion that is expected at a logarithm of the focal length, half-widths."""
+        return float(self.mean[KAPPA_1] if self.lens is None else self.lens.kappa(np.array(log_focal)))
+
+    def at_focal(self, log_focal: float) -> Priors:
+        """The priors for one focal length, at which the radial distortion has a mean."""
+        mean = self.mean.copy()
+        mean[KAPPA_1] = self.usual_kappa(log_focal)
+        return replace(self, mean=mean, lens=None)
+
     def _of_parameters_and_place(self, theta: Array) -> tuple[Array, Array]:
         used, mean, sd, linear = self._linear
         jacobian = np.empty((len(theta), *linear.shape))
         jacobian[:] = linear
         values, row = np.empty(jacobian.shape[:2]), len(used)
         values[:, :row] = (theta[:, used] - mean) / sd
+        if self.lens is not None and self._lens_row is not None:
+            k, log_focal = self._lens_row, theta[:, LOG_FOCAL]
+            values[:, k] = (theta[:, KAPPA_1] - self.lens.kappa(log_focal)) / sd[k]
+            jacobian[:, k, LOG_FOCAL] = -self.lens.slope(log_focal) / sd[k]
         if row == len(linear):
             return values, jacobian
         x, y, z = columns_of(theta[:, _POSITION])

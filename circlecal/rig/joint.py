@@ -298,7 +298,7 @@ def joint_problem(
     turning : Turning
         What is assumed of how the camera turns.
     """
-    priors = problems[0].priors
+    priors = problems[0].priors.at_focal(log_focal)
     free = {name for name, sd in zip(PARAMETERS, priors.sd, strict=True) if sd > 0}
     own = [INDEX[name] for name in OWN if name in free]
     shared = [INDEX[name] for name in SHARED if name in free]

@@ -111,8 +111,9 @@ ADDED_UP = (
     "beyond_share",
 )
 MOST_TOGETHER = 1.3
-"""Checks that are added up, and the most to which they may come: the root of the summed squares of how much of its limit
-each uses up.
+"""Checks that are added up, and the most to which they may come: the root of the summed squares of how much of its
+limit each uses up. Of 1,481 right answers to rendered frames two have 1.07 and 1.15 and all others at most 0.92, of 55
+right ones to real frames at most 0.8; a circle behind a banner that a camera puts into the stands has 1.62.
 """
 LOWEST_FREE_M = 1.5
 """A camera that stands lower, metres, sees boards and walls around the field above its horizon, on grass too: those of

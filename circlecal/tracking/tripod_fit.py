@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from circlecal.camera.options import CameraConfig
+from circlecal.camera.options import USUAL_FOCAL_WIDTHS, CameraConfig, usual_kappa
 from circlecal.camera.rig_options import RigConfig
 from circlecal.field import FieldTemplate
 from circlecal.geometry.camera_parameters import INDEX, ProjectionModel
@@ -67,7 +67,7 @@ def common_priors(
         know(name, 0.0, spread)
         know(f"{name}_by_zoom", 0.0, POINT_BY_ZOOM_PX * picture[0] / 1920.0)
     radial = config.distortion == "radial"
-    know("kappa_1", config.k1_mean if radial else 0.0, config.k1_sd if radial else 0.0)
+    know("kappa_1", usual_kappa(config, USUAL_FOCAL_WIDTHS) if radial else 0.0, config.k1_sd if radial else 0.0)
     know("kappa_1_by_zoom", 0.0, KAPPA_BY_ZOOM if radial else 0.0)
     know("kappa_2", config.k2_mean if radial else 0.0, config.k2_sd if radial else 0.0)
     know("log_aspect", float(np.log(config.aspect)), config.aspect_sd)

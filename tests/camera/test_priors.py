@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from circlecal.camera.options import CameraConfig, priors_of
-from circlecal.camera.priors import Priors, SharedPrior, SharedPriorConfig
+from circlecal.camera.options import CameraConfig, priors_of, usual_kappa
+from circlecal.camera.priors import Priors, SharedPrior, SharedPriorConfig, ZoomLens
 from circlecal.config import load_config
-from circlecal.geometry.camera_parameters import PARAMETERS, ProjectionModel
+from circlecal.geometry.camera_parameters import INDEX, KAPPA_1, LOG_FOCAL, PARAMETERS, ProjectionModel
 from circlecal.geometry.surface import Surface
 from circlecal.pipeline import field_of
 
@@ -153,3 +153,39 @@ def test_priors_of_parameters_and_place_have_the_right_derivatives_one_by_one_an
         np.testing.assert_array_equal(by_alone[0], jacobian[k])
         numeric = central_differences(lambda t: told.residuals(t[None])[0][0], theta[k], STEPS)
         np.testing.assert_allclose(jacobian[k], numeric, rtol=1e-5, atol=1e-6)
+
+
+def test_the_lens_of_a_zoom_follows_the_focal_length():
+    """As single frames of real broadcasts have it: a barrel in wide views, a pincushion in long ones."""
+    config, (template, circle) = CameraConfig(), field_of(load_config(None))
+    model = ProjectionModel(1280, 720, surface=Surface("roof"))
+    told = priors_of(config, template, circle, model)
+    for widths, seen in ((0.8, -0.034), (0.95, -0.004), (1.5, 0.013), (2.0, 0.029), (3.0, 0.029)):
+        assert told.usual_kappa(np.log(1280 * widths)) == pytest.approx(seen, abs=0.01)
+        assert usual_kappa(config, widths) == pytest.approx(told.usual_kappa(np.log(1280 * widths)), abs=1e-12)
+    assert told.usual_kappa(np.log(1280 * 0.3)) == told.usual_kappa(np.log(1280 * 0.7)), "other lenses are so wide"
+    theta = random_thetas(4, np.random.default_rng(5))
+    theta[:, LOG_FOCAL] = np.log(1280 * np.array([0.5, 0.9, 1.5, 3.0]))
+    theta[:, INDEX["crown"]] = 0.05
+    values, jacobian = told.residuals(theta)
+    for k in range(len(theta)):
+        numeric = central_differences(lambda t: told.residuals(t[None])[0][0], theta[k], STEPS)
+        np.testing.assert_allclose(jacobian[k], numeric, rtol=1e-5, atol=1e-6)
+    row = np.flatnonzero(jacobian[0][:, KAPPA_1])[0]
+    usual = [told.usual_kappa(t) for t in theta[:, LOG_FOCAL]]
+    np.testing.assert_allclose(values[:, row], (theta[:, KAPPA_1] - usual) / config.k1_sd, atol=1e-12)
+
+
+def test_a_lens_that_is_told_follows_no_focal_length():
+    config, (template, circle) = CameraConfig(k1_mean=-0.01), field_of(load_config(None))
+    told = priors_of(config, template, circle, ProjectionModel(1280, 720))
+    assert {told.usual_kappa(np.log(1280 * widths)) for widths in (0.8, 2.0, 4.0)} == {-0.01}
+    undistorted = CameraConfig(distortion="none")
+    assert priors_of(undistorted, template, circle, ProjectionModel(1280, 720)).lens is None
+
+
+def test_priors_for_one_focal_length_have_the_lens_that_it_has():
+    lens, one = ZoomLens(0.035, 0.04, 1920), np.ones(len(PARAMETERS))
+    told = Priors(0.0 * one, one, 80.0, np.inf, 0.25, np.inf, np.zeros(2), lens=lens)
+    at = told.at_focal(np.log(1920 * 1.25))
+    assert at.lens is None and at.mean[KAPPA_1] == pytest.approx(0.035 - 0.04 / 1.25**2)

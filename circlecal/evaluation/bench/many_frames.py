@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from circlecal.camera.observed import NoiseModel, curves_from_observations, points_from_observations
-from circlecal.camera.options import CameraConfig, priors_of
+from circlecal.camera.options import CameraConfig, priors_of, usual_kappa
 from circlecal.camera.problem import Problem
 from circlecal.camera.rig_options import RigConfig
 from circlecal.config import Config
@@ -150,15 +150,19 @@ def _fit(observations: Observations, camera: CameraConfig) -> CameraFit | None:
 def _draws(scenario: RigScenario, rng: np.random.Generator) -> tuple[list[Draw], Array]:
     """Frames of one camera, and how it turns (3,)."""
     template, _ = soccer()
-    config, surface, kappa, shift = scenario.config, FLAT, 0.0, np.zeros(2)
+    config, surface, kappa_off, shift = scenario.config, FLAT, 0.0, np.zeros(2)
     if scenario.from_priors:
-        kappa = float(rng.normal(config.k1_mean, config.k1_sd))
+        kappa_off = float(rng.normal(0.0, config.k1_sd))
         surface = Surface("roof", crown_m=float(rng.normal(config.crown_m, config.crown_sd_m)))
         shift = rng.normal(0.0, config.principal_point_sd(1920, 1080))
-    first = sample_camera(scenario.profile, rng, kappa=kappa)
+    first = sample_camera(scenario.profile, rng)
     views = [first]
     while len(views) < scenario.frames:
-        views.append(sample_camera(scenario.profile, rng, kappa=kappa, like=first))
+        views.append(sample_camera(scenario.profile, rng, like=first))
+    if scenario.from_priors:
+        focal_widths = float(np.exp(np.median([np.log(view.focal_px[0] / view.width) for view in views])))
+        kappa = np.array([usual_kappa(config, focal_widths) + kappa_off, 0.0])
+        views = [replace(view, kappa=kappa) for view in views]
     prior = turning_of(scenario.rig)
     turning = prior.mean + prior.sd * rng.normal(size=3)
     found = []

@@ -8,7 +8,7 @@ from functools import cache, partial
 
 import numpy as np
 
-from circlecal.camera.options import CameraConfig
+from circlecal.camera.options import CameraConfig, usual_kappa
 from circlecal.field import Circle, FieldTemplate, load_field
 from circlecal.geometry.camera import Camera, image_center
 from circlecal.geometry.surface import FLAT, Surface
@@ -99,7 +99,8 @@ def _soccer_draw(
         camera = sample_camera(profile, rng, arc_deg=arc_deg, kappa=kappa)
         surface = FLAT
         if from_priors:
-            camera = replace(camera, kappa=np.array([rng.normal(config.k1_mean, config.k1_sd), 0.0]))
+            usual = usual_kappa(config, float(camera.focal_px[0]) / camera.width)
+            camera = replace(camera, kappa=np.array([rng.normal(usual, config.k1_sd), 0.0]))
             surface = Surface("roof", crown_m=float(rng.normal(config.crown_m, config.crown_sd_m)))
         if principal_point_sd_px:
             shift = rng.normal(0.0, principal_point_sd_px, 2)
