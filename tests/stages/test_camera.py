@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from circlecal.camera.field_evidence import log_evidence
-from circlecal.camera.options import CameraConfig, priors_of
+from circlecal.camera.options import CameraConfig, priors_of, usual_kappa
 from circlecal.camera.problem import evaluate, with_priors
 from circlecal.camera.residuals import ground_feet
 from circlecal.camera.world import USUAL
@@ -133,7 +133,8 @@ def test_a_lens_unlike_others_is_told_by_the_frame(kappa, sigma):
     given = seen(bent, edges=("center",), mark=True, sigma=sigma)
     fit = estimate_camera(given, SOCCER, CIRCLE, CameraConfig(crown_m=0.0))
     assert fit.camera.kappa[0] == pytest.approx(kappa, abs=0.02)
-    usual = seen(replace(WIDE, kappa=np.array([0.03, 0.0])), edges=("center",), mark=True, sigma=sigma)
+    lens = np.array([usual_kappa(CameraConfig(), WIDE.focal_px[0] / WIDE.width), 0.0])
+    usual = seen(replace(WIDE, kappa=lens), edges=("center",), mark=True, sigma=sigma)
     fit = estimate_camera(usual, SOCCER, CIRCLE, CameraConfig(crown_m=0.0))
     assert fit.covariance[INDEX["kappa_1"], INDEX["kappa_1"]] < 0.015**2
 
@@ -258,7 +259,7 @@ def test_two_cameras_that_see_a_flat_circle_alike_are_both_known(lines):
     )  # fmt: skip
     halfway, *others = given.lines
     given = replace(given, lines=(halfway, *(replace(line, line=None) for line in others)))
-    fit = estimate_camera(given, futsal, circle, CameraConfig())
+    fit = estimate_camera(given, futsal, circle, CameraConfig(k1_mean=0.03))
     assert fit.named_lines == lines
     assert np.linalg.norm(fit.camera.position_m - camera.position_m) < (0.1 if lines else 1.0)
     assert (fit.max_sigma_px < 5.0) if lines else (fit.max_sigma_px > 100.0)

@@ -248,7 +248,7 @@ OF_THE_DETECTOR = {"marking_rms_px", "band_width", "painted_share", "whole_share
 OF_OTHERS = {"circle_told", "rival_ratio", "missing_markings", "frames_to_confirmed", "assumed_place"}
 OF_THE_PICTURE = {
     "unexplained_widths", "painted_share_of_carriers", "bare_widths", "reversal",
-    "rough_share", "above_share", "beyond_share", "near_share", "seam_share", "noise_scale",
+    "rough_share", "above_share", "beyond_share", "near_share", "seam_share", "noise_scale", "contradictions",
 }  # fmt: skip
 WITHOUT_CIRCLE = {"field_in_front", "marking_residual_px", "rejected_share"}
 
