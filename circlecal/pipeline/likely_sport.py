@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.config import Config
-from circlecal.field import FieldTemplate, Ground
+from circlecal.field import FieldTemplate, Ground, load_field
 from circlecal.geometry.ellipses import ellipse_from_conic
 from circlecal.geometry.projective import Array
 from circlecal.results import FieldCandidate, FrameCalibration, LikelySport
@@ -77,7 +77,7 @@ def tell_sport(
     grounds : sequence of str
         Playing surfaces that it may show, the likeliest first.
     trials : sequence of Trial
-        Of every template, the usual one first.
+        Of every template that was tried.
 
     Returns
     -------
@@ -88,11 +88,12 @@ def tell_sport(
     circles = [_paint_share(trial.found) for trial in trials]
     first = next((circle for circle in circles if circle is not None), None)
     has_rink_paint = grounds[0] == "ice" and shows_rink_paint(image, config)
+    usual = load_field(config.field.among[0]).name
     for trial, circle in zip(trials, circles, strict=True):
         template = trial.found.template
         if template is None:
             continue
-        score = USUAL if trial is trials[0] else 0.0
+        score = USUAL if trial.candidate.template == usual else 0.0
         score += _weigh_ground(template.ground, grounds) + _weigh_markings(trial) + _weigh_evidence(trial.candidate)
         score += _weigh_width(template, circle or first)
         score += RINK_PAINT if has_rink_paint and template.ground == "ice" else 0.0

@@ -11,18 +11,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-import numpy as np
-
 from circlecal.config import TOLD_APART
 from circlecal.field import Circle, FieldTemplate, field_names, load_field
-from circlecal.geometry.conic_fits import fit_conic
-from circlecal.geometry.projective import Array
 from circlecal.pipeline.attempts import add_checks
 from circlecal.pipeline.field_paint import look_for_paint
+from circlecal.pipeline.leagues import lay_over_attempt, weigh
 from circlecal.pipeline.placed_view import FEWEST_CARRYING, count_carrying
 from circlecal.pipeline.setting import Scene, Setting
-from circlecal.placement import ViewEvidence, lay_over_view, weigh_view
-from circlecal.results import Attempt, CameraFit, Check, Verdict
+from circlecal.placement import ViewEvidence, weigh_view
+from circlecal.results import Attempt, Check, Verdict
 
 FIELD_RATIO = 1.2
 """How many times more must speak for another field, evidence times the share of the paint that it explains, for this
@@ -41,8 +38,6 @@ believed: as of a field that is laid over the picture.
 """
 NOTHING = 0.01
 """Evidence that counts as none, picture widths: no ratio is larger than a hundred times that of another field."""
-ROUND = 72
-"""Places round a circle to which a conic is fitted."""
 
 
 def refuse_other_field(setting: Setting, scene: Scene, attempt: Attempt) -> Attempt:
@@ -57,19 +52,17 @@ def refuse_other_field(setting: Setting, scene: Scene, attempt: Attempt) -> Atte
         return attempt
     with setting.clock("verdict"):
         paint = look_for_paint(scene, mask, setting.config, template)
-        conic = mask.conic if mask.conic is not None else _draw_conic(camera, circle, template)
-        if paint is None or conic is None:
+        if paint is None:
             return attempt
-        view = camera.view
-        laid = lay_over_view(view, circle, conic, template, template, paint)
-        own = max(weigh_view(view, template, paint), laid, key=_weigh)
-        rivals = {
-            other.name: lay_over_view(view, circle, conic, template, other, paint)
-            for other in _find_others(template, is_sport_told=count_carrying(attempt) > FEWEST_CARRYING)
-        }
-    believed = {name: _weigh(seen) for name, seen in rivals.items() if _is_believed(seen, own)}
+        others = list(_find_others(template, is_sport_told=count_carrying(attempt) > FEWEST_CARRYING))
+        laid = lay_over_attempt(attempt, template, circle, paint, (template, *others))
+        if laid is None:
+            return attempt
+        own = max(weigh_view(camera.view, template, paint), laid[0], key=weigh)
+        rivals = {other.name: seen for other, seen in zip(others, laid[1:], strict=True)}
+    believed = {name: weigh(seen) for name, seen in rivals.items() if _is_believed(seen, own)}
     best = max(believed, key=lambda name: believed[name], default=None)
-    ratio = 0.0 if best is None else believed[best] / max(_weigh(own), NOTHING)
+    ratio = 0.0 if best is None else believed[best] / max(weigh(own), NOTHING)
     check = Check.of("other_field_ratio", ratio, FIELD_RATIO)
     attempt = add_checks(attempt, check)
     if check.passed or best is None or attempt.verdict is None:
@@ -110,19 +103,6 @@ def _find_circle(setting: Setting, attempt: Attempt) -> Circle | None:
     name = attempt.circle_name or setting.circle.name
     is_fitted = camera is not None and any(key.name == name for key in camera.residuals_px)
     return template.circle_by_name.get(name) if is_fitted else None
-
-
-def _draw_conic(camera: CameraFit, circle: Circle, template: FieldTemplate) -> Array | None:
-    """The conic (3, 3) nearest to a circle as a camera shows it; None where the picture does not show it."""
-    angle = np.linspace(0.0, 2.0 * np.pi, ROUND, endpoint=False)
-    shown = camera.view.project(camera.view.circle_points(circle, "center", angle, template))
-    shown = shown[np.isfinite(shown).all(axis=1)]
-    return fit_conic(shown) if camera.view.shows(shown).any() else None
-
-
-def _weigh(seen: ViewEvidence) -> float:
-    """What speaks for a field: evidence, picture widths, times the share of the paint that it explains."""
-    return max(0.0, seen.evidence) * seen.explained_share
 
 
 def _is_believed(seen: ViewEvidence, own: ViewEvidence) -> bool:

@@ -37,6 +37,11 @@ LITTLE_EVIDENCE = 0.5
 """Evidence, picture widths, below which a field that nobody named is no reason to leave out the look at each colour: a
 rendered NBA court that was taken for another league's had 0.43, right leagues of five London frames 0.86 to 1.42.
 """
+MOST_EXPLAINED = 0.7
+"""Share of the paint of all colours that such a field explains, from which on no other colour hides its lines: an NBA
+court of which three arcs are seen has 0.75 and by its colour alone no other camera; halls with lines of several sports
+have 0.54 to 0.62.
+"""
 ALIKE_WIDTHS = 0.02
 """Two cameras that put the markings within this share of the picture's width on average are one."""
 
@@ -114,7 +119,7 @@ def calibrate_by_paint(
         return first
     answers = []
     for paint, told in _find_likely_paints(image, first, config):
-        found = calibrate(config.model_copy(update={"mask": told}))
+        found = calibrate(_keep_sport(config, first).model_copy(update={"mask": told}))
         added = found.paint_bgr
         if found.status == "calibrated" and added is not None and match_paint(np.array(added), paint):
             others = told.other_paint_bgr
@@ -131,8 +136,22 @@ def _is_open(first: FrameCalibration) -> bool:
         return False
     if first.status != "calibrated" or first.template is None:
         return True
-    evidence = first.fields[0].evidence if first.fields else None
-    return first.template.is_in_one_paint and evidence is not None and evidence < LITTLE_EVIDENCE
+    seen = first.fields[0] if first.fields else None
+    if seen is None or seen.evidence is None or not first.template.is_in_one_paint:
+        return False
+    return seen.evidence < LITTLE_EVIDENCE and (seen.explained_share or 0.0) < MOST_EXPLAINED
+
+
+def _keep_sport(config: Config, first: FrameCalibration) -> Config:
+    """The options with the fields of one sport alone, the one that was found first, where nobody named the field and
+    all lines together calibrate: those of one colour may tell another league, or another place of the camera.
+    """
+    if config.field.template != AUTO or first.status != "calibrated" or first.template is None:
+        return config
+    fields = {name: load_field(name) for name in config.field.among}
+    leagues = [name for name, field in fields.items() if field.sport_name == first.template.sport_name]
+    among = tuple(sorted(leagues, key=lambda name: fields[name].name != first.field_name))
+    return config.model_copy(update={"field": config.field.model_copy(update={"among": among})})
 
 
 def _weigh(found: FrameCalibration) -> float:

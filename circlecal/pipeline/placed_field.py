@@ -13,6 +13,7 @@ from circlecal.geometry.projective import Array
 from circlecal.pipeline.attempts import add_checks, refuse_as_open
 from circlecal.pipeline.doubtful_circle import CIRCLE_TOLD, is_doubtful, may_be_any_circle
 from circlecal.pipeline.field_paint import has_circle, keep_evidence, look_for_paint
+from circlecal.pipeline.leagues import keep_search
 from circlecal.pipeline.placed_view import (
     FEWEST_CARRYING,
     SURFACE_SHARE,
@@ -229,6 +230,7 @@ def _find_placements(setting: Setting, scene: Scene, paint: SeenPaint) -> list[P
     # a field of other sizes of the same sport lies where the first one does
     key = ("placements", template.sport_name, side, *paint.key)
     rough = scene.looks.once(key, lambda: search_placements(paint, size, template, side))
+    keep_search(scene.looks, template, paint, rough)
     placements = [] if rough is None else refine_placements(rough, paint, size, template)
     if not placements:
         return []

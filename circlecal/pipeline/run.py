@@ -42,7 +42,7 @@ def run(
     frame_id: str,
     source: str | None = None,
     looks: Looks | None = None,
-    is_sibling: bool = False,
+    is_brief: bool = False,
 ) -> FrameCalibration:
     """Calibrate one frame.
 
@@ -62,9 +62,9 @@ def run(
         Path or URL as given, recorded in the result.
     looks : Looks, optional
         What was found in the same picture under other templates.
-    is_sibling : bool
-        Whether a template of the same sport was tried on the picture before: this one then lies where that one was
-        laid, and nothing else in the picture is taken for the circle.
+    is_brief : bool
+        Whether only the likeliest circle is tried, and where any of the field's may be seen the whole field laid over
+        the picture: nothing else in it is taken for the circle.
 
     Returns
     -------
@@ -84,11 +84,11 @@ def run(
         raise InputError(f"{frame_id}: the mask is {mask.shape[1]}x{mask.shape[0]}, the picture {width}x{height}")
     setting = Setting(config, template, circle, width, height, frame_generator(config.seed))
     scene = prepare_scene(setting, image, mask, extra, looks)
-    if is_sibling and config.field.any_circle:
+    if is_brief and config.field.any_circle:
         attempt = calibrate_scene(setting, scene)
         attempt = PLACED_FIELD.try_out(setting, scene, attempt) or attempt
     else:
-        attempt = _calibrate_frame(setting, scene)
+        attempt = calibrate_scene(setting, scene) if is_brief else _calibrate_frame(setting, scene)
         attempt = refuse_doubtful(setting, ALL_MARKINGS.try_out(setting, scene, attempt) or attempt)
     attempt = cover_painters(setting, attempt)
     # among several fields what speaks for each is compared afterwards

@@ -11,11 +11,14 @@ from circlecal.field import load_field
 from circlecal.field.loading import field_folder
 from circlecal.observations import MarkingKey
 from circlecal.pipeline import calibrate_unknown_field, field_choice, field_of, likely_sport, run
-from circlecal.pipeline.field_choice import SETTLED_MARKINGS, Answer, choose_answer
+from circlecal.pipeline.field_choice import LEAST_EVIDENCE, SETTLED_MARKINGS, Answer, choose_answer
+from circlecal.pipeline.leagues import may_be_league
+from circlecal.pipeline.other_circles import OTHER_CIRCLES
+from circlecal.pipeline.setting import Scene, Setting
 from circlecal.records.json_text import result_line
 from circlecal.records.record import ResultRecord
 from circlecal.records.writing import result_record
-from circlecal.results import Attempt, CameraFit, FieldCandidate, FrameCalibration, Verdict
+from circlecal.results import Attempt, CameraFit, FieldCandidate, FrameCalibration, MarkingMask, Verdict
 from circlecal.stages.mask import tell_grounds
 from circlecal.synthetic.sampling import render_frame
 
@@ -109,7 +112,8 @@ def test_no_hall_is_tried_where_a_rink_is_seen_that_does_not_calibrate(monkeypat
     config = load_config(None, {"field.template": "auto", "field.among": among})
     ice = np.full((*SIZE[::-1], 3), (228, 225, 220), np.uint8)
     assert calibrate_unknown_field(ice, config, frame_id="x").status == "refused"
-    assert tried == among[: 2 + halls]
+    # the first template thoroughly again where no other field is seen
+    assert tried == [*among[: 2 + halls], *(["soccer"] if evidence < LEAST_EVIDENCE else [])]
 
 
 def test_what_leaves_more_paint_unexplained_gives_way():
@@ -211,8 +215,8 @@ def test_no_other_sport_is_tried_where_one_explains_all_that_is_painted(monkeypa
     object.__setattr__(camera, "max_sigma_px", 1.0)
     asked = []
 
-    def calibrate(image, config, *, is_sibling, **_):
-        asked.append((config.field.template, is_sibling))
+    def calibrate(image, config, *, is_brief, **_):
+        asked.append((config.field.template, is_brief))
         return answer(config.field.template).found
 
     attempt = replace(first.found.attempt, camera=camera)
@@ -222,4 +226,41 @@ def test_no_other_sport_is_tried_where_one_explains_all_that_is_painted(monkeypa
     among = ["soccer", "basketball", "basketball-nba", "futsal"]
     config = load_config(None, {"field.template": "auto", "field.among": among})
     calibrate_unknown_field(np.full((*SIZE[::-1], 3), (110, 160, 200), np.uint8), config, frame_id="x")
-    assert asked[1:] == [(name, name == "basketball-nba") for name in tried]
+    is_seen = first.weight > 0.0
+    brief = {"basketball": False, "basketball-nba": True, "futsal": is_seen}
+    # the first template by its circle alone on ground of another colour, thoroughly where nothing else is seen
+    again = [] if is_seen else [("soccer", False)]
+    assert asked == [("soccer", True), *((name, brief[name]) for name in tried), *again]
+
+
+@pytest.mark.parametrize(
+    ("profile", "seed", "among", "tried"),
+    [
+        ("rink", 3, ["soccer", "ice-hockey-nhl", "ice-hockey"], ["ice-hockey-nhl"]),
+        ("rink", 3, ["soccer", "ice-hockey", "ice-hockey-nhl"], ["ice-hockey-nhl", "ice-hockey"]),
+        ("court", 4, ["soccer", "basketball-nba", "basketball"], ["basketball-nba"]),
+        ("court", 4, ["soccer", "basketball", "basketball-nba"], ["basketball-nba", "basketball"]),
+    ],
+)
+def test_a_league_is_left_out_only_where_it_explains_clearly_less(profile, seed, among, tried):
+    config = load_config(None, {"field.template": "auto", "field.among": among})
+    picture = render_frame(profile, np.random.default_rng(seed), 1280, 720).image
+    found = calibrate_unknown_field(picture, config, frame_id="x")
+    assert found.status == "calibrated"
+    assert [field.template for field in found.fields if field.template != "soccer"] == tried
+
+
+def test_every_field_may_be_seen_beside_one_that_was_laid_nowhere():
+    scene = Scene(np.zeros((*SIZE[::-1], 3), np.uint8), np.zeros(SIZE[::-1], np.uint8), None, None, None)
+    field, refused = load_field("basketball"), answer("basketball-nba").found
+    assert may_be_league(scene, AUTO, [], field) and may_be_league(scene, AUTO, [refused], field)
+
+
+@pytest.mark.parametrize(("field", "expected"), [("basketball", False), ("ice-hockey-nhl", False), ("futsal", True)])
+def test_other_circles_are_looked_for_where_no_field_is_laid_over_the_picture(field, expected):
+    config = load_config(None, {"field.template": field})
+    template, circle = field_of(config)
+    setting = Setting(config, template, circle, *SIZE, np.random.default_rng(0))
+    mask = MarkingMask(None, "detector", None, None, ())
+    refused = Attempt(mask=mask, verdict=Verdict("refused", "line_beyond_field", None, "verdict"))
+    assert OTHER_CIRCLES.when(setting, refused) is expected

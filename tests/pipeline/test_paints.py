@@ -139,18 +139,23 @@ def test_what_the_brightness_shows_alone_is_not_looked_at_again(monkeypatch, pai
 
 
 @pytest.mark.parametrize(
-    ("evidence", "by_colour", "taken"),
-    [(0.43, 1.7, "basketball-nba"), (0.43, 0.3, "basketball-ncaa"), (0.86, 1.7, "basketball-ncaa")],
-    ids=["little is painted", "less by colour", "enough is painted"],
+    ("evidence", "explained", "by_colour", "taken"),
+    [
+        (0.43, 0.6, 1.7, "basketball-nba"),
+        (0.43, 0.6, 0.2, "basketball-ncaa"),
+        (0.86, 0.6, 1.7, "basketball-ncaa"),
+        (0.43, 0.8, 1.7, "basketball-ncaa"),
+    ],
+    ids=["little is painted", "less by colour", "enough is painted", "no other paint is seen"],
 )
 def test_colours_are_looked_at_before_a_league_that_little_speaks_for_is_believed(
-    monkeypatch, evidence, by_colour, taken
+    monkeypatch, evidence, explained, by_colour, taken
 ):
     """A rendered NBA court was taken for another league's with 0.43 picture widths of its markings."""
     config, paint = load_config(None, {"field.template": "auto"}), np.array([60.0, 61.0, 70.0])
 
     def answer(name, evidence):
-        seen = FieldCandidate(name, "basketball", "calibrated", None, evidence, 0.6, 0.8)
+        seen = FieldCandidate(name, "basketball", "calibrated", None, evidence, 0.6, explained)
         attempt = Attempt(verdict=Verdict("calibrated", None, None, None))
         found = FrameCalibration("x", 64, 36, name, "centre_circle", attempt, 0, "", template=load_field(name))
         return replace(found, fields=(seen,), paint_bgr=tuple(paint))
@@ -158,8 +163,16 @@ def test_colours_are_looked_at_before_a_league_that_little_speaks_for_is_believe
     monkeypatch.setattr(module, "_may_have_paints", lambda *_: True)
     monkeypatch.setattr(module, "_find_likely_paints", lambda *_: [(paint, config.mask)])
     first, other = answer("basketball-ncaa", evidence), answer("basketball-nba", by_colour)
-    found = module.calibrate_by_paint(np.zeros((36, 64, 3), np.uint8), config, first, lambda _: other)
+    among = []
+
+    def calibrate(chosen):
+        among.append(chosen.field.among)
+        return other
+
+    found = module.calibrate_by_paint(np.zeros((36, 64, 3), np.uint8), config, first, calibrate)
     assert found.field_name == taken
+    # other sports were weighed by all lines together
+    assert among in ([], [("basketball-ncaa", "basketball", "basketball-nba")])
 
 
 @pytest.mark.parametrize(
