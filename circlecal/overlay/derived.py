@@ -184,7 +184,7 @@ def _camera_facts(fit: CameraFit) -> list[str]:
     if fit.residuals_px:
         facts.append("rms residuals: " + ", ".join(f"{name} {rms:.2f} px" for name, rms in fit.residuals_px.items()))
     named = [f"recognised {', '.join(fit.named_lines)}"] if fit.named_lines else []
-    named += [f"left out {', '.join(map(str, fit.rejected))}"] if fit.rejected else []
+    named += [f"left out {', '.join(map(str, fit.left_out))}"] if fit.left_out else []
     return [*facts, "; ".join(named)] if named else facts
 
 

@@ -156,8 +156,8 @@ def verdict_facts(calibration: FrameCalibration) -> list[str]:
         fit_camera = attempt.camera
         if attempt.ellipses is not None and not attempt.ellipses.all():
             facts.append(f"without the circle, from {len(fit_camera.residuals_px)} lines, arcs and points")
-        if fit_camera.rejected:
-            facts.append(f"left out {', '.join(map(str, fit_camera.rejected))}")
+        if fit_camera.left_out:
+            facts.append(f"left out {', '.join(map(str, fit_camera.left_out))}")
         for key, number, off in fit_camera.contradicting_points[:MOST_POINTS]:
             facts.append(f"{key}: point {number} lies {off:.0f} px off")
         if fit_camera.field_size is not None and not fit_camera.field_size.is_usual:
@@ -211,7 +211,7 @@ def _draw_inliers(canvas: Canvas, calibration: FrameCalibration) -> None:
 def _draw_landmarks(canvas: Canvas, calibration: FrameCalibration) -> None:
     """Lines, arcs and points that stood for the circle, those left out in grey."""
     seen, camera = calibration.attempt.observations, calibration.attempt.camera
-    left_out = set(() if camera is None else camera.rejected)
+    left_out = set(() if camera is None else camera.left_out)
     if seen is None:
         return
     drawn: list[tuple[MarkingKey | None, Array]] = [(c.key, c.points_px) for c in seen.circles]

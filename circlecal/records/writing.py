@@ -158,7 +158,7 @@ def _camera(fit: CameraFit) -> dict[str, Any]:
         "covariance": {"parameters": fit.parameters, "estimate": fit.theta, "matrix": fit.covariance},
         "derived_points": fit.derived_points,
         "named_lines": fit.named_lines,
-        "rejected_observations": tuple(map(str, fit.rejected)),
+        "rejected_observations": tuple(map(str, fit.left_out)),
         "noise_scale": fit.noise_scale,
         "data_share": fit.data_share,
         "prior_dominated": fit.prior_dominated,

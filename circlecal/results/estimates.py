@@ -240,6 +240,9 @@ class CameraFit(ShortRepr):
         The eight points of the circle with their covariance.
     rejected : tuple of MarkingKey
         Observations that contradict the others and were left out.
+    missed_ends_px : dict of MarkingKey
+        Markings of which only an end of another line was seen, so far off that the loss leaves it no say, and by how
+        many pixels: they carry nothing, and stand in a record among what was left out.
     named_lines : tuple of str
         Template lines that were recognised among the straight markings seen, and used.
     names_by_line : dict
@@ -297,6 +300,12 @@ class CameraFit(ShortRepr):
     mean_sigma_px: float = 0.0
     painters: PaintersFit | None = None
     painted_sigma_px: dict[MarkingKey, float] = field(default_factory=dict)
+    missed_ends_px: dict[MarkingKey, float] = field(default_factory=dict)
+
+    @property
+    def left_out(self) -> tuple[MarkingKey, ...]:
+        """Observations that have no part in the answer."""
+        return (*self.rejected, *self.missed_ends_px)
 
     @property
     def contradicting_points(self) -> tuple[tuple[MarkingKey, int, float], ...]:

@@ -65,7 +65,7 @@ def frame_of_calibration(found: FrameCalibration) -> RigFrame:
     fit = found.attempt.camera if found.status == "calibrated" else None
     if fit is None:
         return RigFrame(found.id, found.attempt.observations, None, None, aspect=found.aspect)
-    camera = fit.theta, fit.covariance, fit.named_lines, fit.rejected
+    camera = fit.theta, fit.covariance, fit.named_lines, fit.left_out
     return RigFrame(found.id, found.attempt.observations, *camera, found.aspect)
 
 

@@ -218,7 +218,7 @@ def _markings(told: Answer, recognised: dict[int, str], drawn: dict[str, SeenMar
     the name that it was recognised by.
     """
     camera = told.found.attempt.camera
-    rejected = set() if camera is None else set(camera.rejected)
+    rejected = set() if camera is None else set(camera.left_out)
     found = []
     for index, marking in enumerate(told.annotation.markings):
         name = marking.name or recognised.get(index)
@@ -395,7 +395,7 @@ def _facts(told: Answer) -> Iterator[tuple[str, str]]:
     size = np.array([told.template.length_m, told.template.width_m]) + camera.view.growth_m
     yield "field", f"{size[0]:.1f} x {size[1]:.1f} m"
     yield "recognised", _words(sorted(set(told.recognise().values())))
-    yield "left out", _words([str(key) for key in camera.rejected])
+    yield "left out", _words([str(key) for key in camera.left_out])
 
 
 def _words(names: Sequence[str]) -> str:

@@ -8,7 +8,7 @@ import pytest
 from circlecal.camera.observed import curves_from_observations, points_from_observations
 from circlecal.camera.options import CameraConfig, noise_model, priors_of
 from circlecal.camera.problem import Problem, evaluate
-from circlecal.camera.report import bulk_residuals_px, residuals_px, spread_quadrilateral, weigh_painters
+from circlecal.camera.report import _miss_ends, bulk_residuals_px, residuals_px, spread_quadrilateral, weigh_painters
 from circlecal.camera.residuals import ground_feet
 from circlecal.evaluation.bench.scenarios import select_rows
 from circlecal.field import load_field
@@ -21,6 +21,24 @@ from circlecal.synthetic.cameras import aim_camera
 
 SOCCER = load_field("soccer")
 MODEL = ProjectionModel(1920, 1080, Surface("flat"))
+
+
+@pytest.mark.parametrize(("off_px", "stated", "missed"), [(1.0, False, 0), (80.0, False, 1), (80.0, True, 0)])
+def test_an_end_that_the_loss_leaves_no_say_is_no_marking_that_was_seen(off_px, stated, missed):
+    """It stood among the residuals with up to 25,456 px, and confirmed cameras that it contradicts."""
+    camera = aim_camera(np.array([-4.0, 60.0, -16.0]), np.array([0.0, -10.0, 0.0]), 2600.0, 0.0, 1920, 1080)
+    end = camera.project(np.array([[0.0, -34.0]])) + np.array([0.0, off_px])
+    line = LinePoints("side_line_top", end, np.full(1, 1.0))
+    config = CameraConfig()
+    curves = curves_from_observations(Observations(1920, 1080, lines=(line,)), SOCCER, noise_model(config, 1920))
+    priors = priors_of(config, SOCCER, SOCCER.circle_by_name["centre_circle"], MODEL)
+    nothing = points_from_observations(Observations(1920, 1080), SOCCER)
+    problem = Problem(curves, nothing, priors, MODEL, config.loss_scale)
+    theta = theta_of(camera, MODEL)[None]
+    state = evaluate(problem, theta, ground_feet(curves, theta, MODEL))
+    key = MarkingKey("side_line_top")
+    found = _miss_ends(problem, state, {key} if stated else ())
+    assert len(found) == missed and all(off == pytest.approx(off_px, rel=0.05) for off in found.values())
 
 
 def test_residuals_of_one_marking_count_together():

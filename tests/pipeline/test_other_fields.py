@@ -8,6 +8,7 @@ from circlecal.detection.picture import Scaling
 from circlecal.detection.ridges import RidgePoints
 from circlecal.field import load_field
 from circlecal.field.view import FieldView
+from circlecal.observations import MarkingKey
 from circlecal.pipeline import calibrate_image
 from circlecal.pipeline.other_fields import FIELD_RATIO, has_leagues
 from circlecal.placement import Outlines, SeenPaint, SurfaceRidges, lay_over_view
@@ -36,6 +37,16 @@ def test_the_league_that_was_named_is_calibrated(seed):
     found = calibrate_court("basketball-nba", seed)
     assert found.status == "calibrated"
     assert found.verdict.check("other_field_ratio").value < 1.0
+
+
+def test_a_touchline_that_the_halfway_line_ends_beside_carries_no_camera():
+    """A futsal court that was named handball was calibrated 50 px off; its line ended 2.6 m before a touchline."""
+    picture = render_frame("wood", np.random.default_rng(1000), 960, 540, load_field("futsal")).image
+    found = calibrate_image(picture, load_config(None, {"field.template": "handball"}), frame_id="hall")
+    camera, end = found.attempt.camera, MarkingKey("side_line_top")
+    assert found.status == "refused"
+    assert camera.missed_ends_px[end] > 20.0
+    assert end not in camera.residuals_px and end not in camera.point_residuals_px and end in camera.left_out
 
 
 @pytest.mark.parametrize(
