@@ -70,8 +70,8 @@ def _is_better_circle(setting: Setting, first: Attempt, other: Attempt) -> bool:
 
 def _is_circle_open(setting: Setting, first: Attempt) -> bool:
     """Whether another circle or line may be the right one, and the field was not laid over the picture by any of its
-    circles: on 78 rendered rinks and courts and 16 real ones no other circle was believed after that, and looking for
-    them took up to 2.4 s.
+    circles: on about 70 rendered rinks and courts and 16 real ones no other circle was believed after that, and looking
+    for them took up to 2.4 s.
     """
     is_laid = may_be_any_circle(setting, first) and setting.config.camera.enabled
     return not is_laid and _may_be_another_circle(setting, first)
