@@ -158,7 +158,7 @@ def test_one_click_calibrates_the_sample_with_a_touchline(monkeypatch):
         update={"lines": tuple(line for line in template.lines if line.name in FEW), "arcs": template.arcs[:0]}
     )
     monkeypatch.setattr("circlecal.workbench.interpretations.field_of", lambda config: (few, circle))
-    quick = load_config(None, ["camera.starts=2"])
+    quick = load_config(None, ["camera.starts=3"])
     assert interpret(begun, measured, quick, is_wanted=lambda: False) == []
     offered = interpret(begun, measured, quick)
     assert 1 <= len(offered) <= 2
