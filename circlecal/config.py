@@ -200,13 +200,14 @@ class NamedOption:
 def load_config(
     file: str | Path | Config | None = None, overrides: Sequence[str | NamedOption] | Mapping[str, Any] = ()
 ) -> Config:
-    """Configuration from a file and overrides.
+    """Configuration from a file and overrides: over the defaults the options of the field's sport, over them the file,
+    and over it the overrides.
 
     Parameters
     ----------
     file : path, str or Config, optional
-        YAML file, or the name of a configuration that comes with the package, or one that is loaded already; the
-        defaults when None.
+        YAML file, or the name of a configuration that comes with the package; the defaults when None. Or one that is
+        loaded already, which is complete unless an override names another field.
     overrides : sequence of str or NamedOption, or mapping
         ``section.key=value`` each, the value in YAML; or values by ``section.key``. Later ones win.
 
@@ -215,32 +216,75 @@ def load_config(
     ConfigError
         One line with the file or the override, the full key and the mend.
     """
-    content: dict[str, Any] = {}
-    source = "configuration"
-    if isinstance(file, Config):
+    content, source = _read_content(file)
+    chosen, _ = _apply_overrides(content, overrides)
+    suited = _name_suited_config(chosen.get("field"))
+    is_complete = isinstance(file, Config) and _is_of_field(file, chosen)
+    if suited is not None and not is_complete:
+        path = _find_config(suited)
+        content = _lay_over(_read_mapping(path), content, Config)
+        source = str(path) if file is None else source
+    elif isinstance(file, Config):
         content = file.model_dump(mode="json")
-    elif file is not None:
-        path = _find_config(file)
-        source = str(path)
-        content = _read_mapping(path)
-        _change_files(content, lambda named: str(path.parent / named))
+    chosen, origins = _apply_overrides(content, overrides)
+    return _validate(chosen, source, origins)
+
+
+def _read_content(file: str | Path | Config | None) -> tuple[dict[str, Any], str]:
+    """What a configuration sets, and what errors call it."""
+    if file is None:
+        return {}, "configuration"
+    if isinstance(file, Config):
+        return file.model_dump(mode="json", exclude_unset=True), "configuration"
+    path = _find_config(file)
+    content = _read_mapping(path)
+    _change_files(content, lambda named: str(path.parent / named))
+    return content, str(path)
+
+
+def _is_of_field(config: Config, content: Mapping[str, Any]) -> bool:
+    """Whether a loaded configuration is for the field that is chosen, so that its sport's options are in it."""
+    section = content.get("field")
+    default = config.field.template
+    return not isinstance(section, dict) or section.get("template", default) == default
+
+
+def _apply_overrides(
+    content: Mapping[str, Any], overrides: Sequence[str | NamedOption] | Mapping[str, Any]
+) -> tuple[dict[str, Any], dict[str, str]]:
+    """The content with the overrides, the given one left alone; and by key what errors call each."""
+    chosen: dict[str, Any] = _copy_sections(content)
     origins: dict[str, str] = {}
     for override in overrides.items() if isinstance(overrides, Mapping) else overrides:
-        key, told = _apply_override(content, override)
+        key, told = _apply_override(chosen, override)
         origins[key] = told
-    config = _validate(content, source, origins)
-    suited = None if file is not None else _name_suited_config(config.field)
-    return config if suited is None else load_config(suited, overrides)
+    return chosen, origins
 
 
-def _name_suited_config(field: FieldConfig) -> str | None:
-    """Name of the configuration that a field template asks for; None also where the template cannot be read, which
-    is said where it is used.
+def _copy_sections(value: Any) -> Any:
+    """The value with mappings of its own, since later keys are set in them and they may be the caller's."""
+    return {key: _copy_sections(inner) for key, inner in value.items()} if isinstance(value, dict) else value
+
+
+def _lay_over(lower: Mapping[str, Any], upper: Mapping[str, Any], model: type[BaseModel]) -> dict[str, Any]:
+    """One content with everything that another sets over it, section by section; a whole value replaces another."""
+    merged = dict(lower)
+    for key, value in upper.items():
+        nested, below = _find_nested_model(model, key), merged.get(key)
+        if nested is not None and isinstance(below, dict) and isinstance(value, dict):
+            value = _lay_over(below, value, nested)
+        merged[key] = value
+    return merged
+
+
+def _name_suited_config(section: Any) -> str | None:
+    """Name of the configuration that the template of a field section asks for; None also where the section or the
+    template cannot be read, which is said where it is used.
     """
-    if field.template == FieldConfig().template:
-        return None
-    with contextlib.suppress(ConfigError):
-        return load_field(field.template, field.sizes).config
+    with contextlib.suppress(ConfigError, ValidationError):
+        field = FieldConfig.model_validate_json(json.dumps(section or {}, default=str), strict=True)
+        if field.template != FieldConfig().template:
+            return load_field(field.template, field.sizes).config
     return None
 
 
@@ -390,6 +434,7 @@ def _apply_override(content: dict[str, Any], override: str | NamedOption | tuple
         key, value = override
         if isinstance(value, np.ndarray | np.generic):
             value = value.tolist()
+        value = _copy_sections(value)
         equals, told = "=", f"set {key}={_kind(value) if isinstance(value, list | dict) else value}"
     parts = key.strip().split(".")
     if not equals or not all(parts):

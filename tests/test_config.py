@@ -61,6 +61,44 @@ def test_overrides_win_over_the_file_and_later_ones_over_earlier(tmp_path):
     assert config.edges.thresholds == (5.0, 20.0)
 
 
+def test_a_file_lies_over_the_options_of_the_sport_and_under_the_overrides(tmp_path):
+    rink = load_config("ice-hockey")
+    radar = written(tmp_path, "output: {radar: true}\n")
+    named = load_config(radar, {"field.template": "ice-hockey"})
+    assert named == load_config("ice-hockey", {"output.radar": True})
+    assert config_digest(named) == config_digest(rink)
+    inside = written(tmp_path, "field: {template: ice-hockey}\ncamera: {k1_sd: 0.02}\n")
+    assert load_config(inside) == load_config("ice-hockey", {"camera.k1_sd": 0.02})
+    assert load_config(inside, ["camera.k1_sd=0.03"]) == load_config("ice-hockey", {"camera.k1_sd": 0.03})
+    sized = written(tmp_path, "field: {template: ice-hockey, any_circle: false, sizes: {length: 58}}\n")
+    assert load_config(sized) == load_config("ice-hockey", {"field.any_circle": False, "field.sizes.length": 58})
+    for file in (radar, "tribune", None):
+        assert load_config(file, {"field.template": "auto"}).mask == Config().mask
+
+
+@pytest.mark.parametrize("name", ["soccer", "ice-hockey", "robocup"])
+def test_a_file_of_every_option_leaves_nothing_to_the_sport(tmp_path, name):
+    whole = load_config(None, {"field.template": name})
+    again = load_config(written(tmp_path, effective_yaml(whole)))
+    assert config_digest(again) == config_digest(whole)
+    plain = written(tmp_path, effective_yaml(Config()))
+    assert load_config(plain, {"field.template": name}) == load_config("default", {"field.template": name})
+    assert load_config(plain, {"field.template": name}).camera == Config().camera
+
+
+def test_a_loaded_configuration_takes_the_options_of_another_sport_only():
+    radar = load_config(None, {"output.radar": True})
+    assert load_config(radar, {"field.template": "futsal"}) == load_config("futsal", {"output.radar": True})
+    plain = load_config("default", {"field.template": "futsal"})
+    assert load_config(plain, {"seed": 1}) == plain.model_copy(update={"seed": 1})
+
+
+def test_overrides_are_left_as_they_were_given():
+    camera, sizes = {"roll_sd_deg": 1}, {"length": 100}
+    load_config(None, {"camera": camera, "camera.focal_sd": 0.5, "field": {"sizes": sizes}, "field.sizes.width": 60})
+    assert (camera, sizes) == ({"roll_sd_deg": 1}, {"length": 100})
+
+
 def test_shipped_configurations_load_by_name():
     assert {"default", "broadcast", "low-camera", "futsal", "ice-hockey", "robocup"} <= set(config_names())
     for name in config_names():

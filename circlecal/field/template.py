@@ -179,7 +179,7 @@ class FieldTemplate(BaseModel):
         "any", description="What it is mostly painted on, told by the colour of a picture; where sports are told apart."
     )
     config: str | None = Field(
-        None, description="Configuration that suits the sport, taken where the user names none; null for the defaults."
+        None, description="Configuration of the sport, taken under what the user sets; null for the defaults."
     )
     polarity: Literal["light", "dark", "any"] = Field(
         "light", description="Whether the markings are lighter or darker than the surface; what is tried first."

@@ -306,5 +306,9 @@ def test_a_template_brings_the_options_of_its_sport():
     chosen = load_config(None, ["field.template=basketball-nba", "camera.roll_sd_deg=9"])
     assert (chosen.field.template, chosen.camera.crown_shape) == ("basketball-nba", "flat")
     assert chosen.camera.roll_sd_deg == 9
-    # a configuration that the user names comes alone
-    assert load_config("tribune", ["field.template=futsal"]).camera == load_config("tribune").camera
+    # what a configuration of the user's names wins, and the rest is that of the sport
+    hall, tribune = load_config("futsal").camera, load_config("tribune").camera
+    chosen = load_config("tribune", ["field.template=futsal"])
+    assert (chosen.camera.crown_shape, chosen.camera.k1_sd) == (hall.crown_shape, hall.k1_sd)
+    assert (chosen.camera.roll_sd_deg, chosen.camera.elevation_deg) == (tribune.roll_sd_deg, tribune.elevation_deg)
+    assert chosen.mask == load_config("futsal").mask
