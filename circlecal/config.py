@@ -28,7 +28,7 @@ from circlecal.camera.options import CameraConfig
 from circlecal.camera.rig_options import RigConfig
 from circlecal.detection.keypoints import KeypointsConfig
 from circlecal.errors import ConfigError, InputError, explain_problem
-from circlecal.field import load_field
+from circlecal.field import FieldTemplate, load_field
 from circlecal.files import is_file, open_regular, read_text
 from circlecal.formats.meaning import SourcesConfig
 from circlecal.paint.along_curve import RaysConfig
@@ -320,6 +320,17 @@ def find_template(config: Config, name: str) -> str:
     among = config.field.among
     files = (entry for entry in among if name not in among and _is_own_template(entry))
     return next((file for file in files if load_field(file).name == name), name)
+
+
+def load_told_field(config: Config, name: str) -> FieldTemplate:
+    """The template that results call ``name``, which may be a file among ``field.among``.
+
+    Raises
+    ------
+    ConfigError
+        It does not exist, or a file cannot be read as a template.
+    """
+    return load_field(find_template(config, name))
 
 
 def check_among(among: Sequence[str]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -251,6 +252,7 @@ def _write_further(
     exports: options.ExportChoice, run: FrameRun, frames: Sequence[PictureFile | FrameOfFile], out: Path
 ) -> None:
     """Write the outside formats and the table of everything that the folder holds."""
+    from circlecal.config import load_told_field
     from circlecal.formats.exports import export_records
     from circlecal.formats.inputs import FrameOfFile
     from circlecal.pipeline import apply_convention, field_of
@@ -261,7 +263,8 @@ def _write_further(
         template, circle = field_of(run.config)
         annotated = {frame.id: frame for frame in frames if isinstance(frame, FrameOfFile)}
         convention = apply_convention(template, run.convention)
-        export_records(read_records(out), exports.into(out), template, circle, annotated, convention)
+        told = partial(load_told_field, run.config)
+        export_records(read_records(out), exports.into(out), template, circle, annotated, convention, told)
     if exports.parquet:
         write_parquet(read_records(out), out / PARQUET_NAME)
 

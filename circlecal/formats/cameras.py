@@ -19,7 +19,7 @@ from circlecal.field import Circle, FieldTemplate
 from circlecal.field.view import FieldView
 from circlecal.formats.shapes import AnnotatedFrame, Shape
 from circlecal.geometry.camera import Camera, camera_from_homography, camera_from_soccernet, image_center
-from circlecal.geometry.homography import compass_label, dlt, scale_homography
+from circlecal.geometry.homography import compass_label, dlt, is_invertible, scale_homography
 from circlecal.geometry.projective import Array
 from circlecal.records.record import ResultRecord
 from circlecal.results import FrameCalibration
@@ -90,12 +90,17 @@ class CameraFrame:
         Raises
         ------
         InputError
-            No camera fits the homography.
+            No camera fits the homography, or the camera lies in the plane of the field.
         """
         H = self.H_image_field
         if H is None and self.camera is not None:
             view = FieldView(self.camera)
             H = nearest_homography(view, *_visible_field(view, template, template.circles[0]))
+        if H is not None and not is_invertible(H):
+            raise InputError(
+                "its camera lies in the plane of the field, or beyond all bounds, and its homography cannot be "
+                "inverted; correct its position (position_meters, z below 0) or leave the file out"
+            )
         if holds == "homography":
             return replace(self, H_image_field=H)
         camera = self.require_camera()

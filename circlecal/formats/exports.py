@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
@@ -203,6 +203,7 @@ def export_records(
     circle: Circle,
     annotated: Mapping[str, FrameOfFile],
     annotated_template: FieldTemplate,
+    load_told: Callable[[str], FieldTemplate] = load_field,
 ) -> None:
     """Write the frames of a finished batch in outside formats.
 
@@ -218,6 +219,8 @@ def export_records(
         By frame id, where frames came from annotation files.
     annotated_template : FieldTemplate
         The field in the convention of these.
+    load_told : callable
+        The template of the name by which a frame told its field; one of the package where it is not given.
 
     Raises
     ------
@@ -231,15 +234,17 @@ def export_records(
         if frame is not None:
             exports.add(record, annotated_template, circle, frame.image, frame.observed)
         else:
-            exports.add(record, *_field_of_record(record, template, circle), _picture_name(record))
+            exports.add(record, *_field_of_record(record, template, circle, load_told), _picture_name(record))
     exports.finish()
 
 
-def _field_of_record(record: ResultRecord, template: FieldTemplate, circle: Circle) -> tuple[FieldTemplate, Circle]:
+def _field_of_record(
+    record: ResultRecord, template: FieldTemplate, circle: Circle, load_told: Callable[[str], FieldTemplate]
+) -> tuple[FieldTemplate, Circle]:
     """The field that a picture told, or the one of the run."""
     if not record.fields or record.field is None:
         return template, circle
-    told = load_field(record.field.template)
+    told = load_told(record.field.template)
     return told, told.circle_by_name.get(record.field.circle or told.default_circle, circle)
 
 

@@ -20,10 +20,8 @@ from circlecal.errors import InputError
 from circlecal.formats.cameras import CameraFrame, Size
 from circlecal.formats.format import Bounded, CameraFormat, Content, Focal, Side, json_bytes, parse_content, stem_of
 from circlecal.formats.soccernet_camera import CameraKeys, camera_keys
-from circlecal.geometry.homography import scale_homography
+from circlecal.geometry.homography import is_invertible, scale_homography
 from circlecal.pictures.files import distinct_names
-
-_WORST_CONDITION = 1e14
 
 
 def _single(value: Any) -> Any:
@@ -73,7 +71,7 @@ def _field_to_image(path: Path, number: int, sample: _Sample) -> np.ndarray[Any,
     if sample.homography is None:
         return None
     matrix = np.array(sample.homography)
-    if not np.linalg.cond(matrix) < _WORST_CONDITION:
+    if not is_invertible(matrix):
         raise InputError(f"{path}, line {number}: homography: cannot be inverted")
     return scale_homography(np.linalg.inv(matrix))
 

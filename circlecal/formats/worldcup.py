@@ -24,13 +24,13 @@ import numpy as np
 from circlecal.errors import InputError
 from circlecal.formats.cameras import CameraFrame, Size
 from circlecal.formats.format import CameraFormat, Content
-from circlecal.geometry.homography import scale_homography
+from circlecal.geometry.homography import is_invertible, scale_homography
 from circlecal.geometry.projective import Array
 
 Conversion = Literal["tvcalib", "pnlcalib"]
 PICTURE: Size = (1280, 720)
 SUFFIX = ".homographyMatrix"
-_LARGEST, _WORST_CONDITION = 1e9, 1e14
+_LARGEST = 1e9
 _LONGEST_FILE = 4096
 _METRES_PER_YARD, _YARDS_PER_METRE = 0.9144, 1.09361
 
@@ -53,7 +53,7 @@ def read_matrix(path: Path, content: bytes, conversion: Conversion = "tvcalib") 
         Not nine finite numbers, or a matrix that cannot be inverted.
     """
     matrix = parse_matrix(path, content)
-    if np.abs(matrix).max() > _LARGEST or not np.linalg.cond(matrix) < _WORST_CONDITION:
+    if np.abs(matrix).max() > _LARGEST or not is_invertible(matrix):
         raise InputError(f"{path}: the matrix cannot be inverted")
     template_to_image = np.linalg.inv(matrix)
     H = scale_homography(template_to_image @ yards_from_metres(conversion))

@@ -21,6 +21,8 @@ from circlecal.geometry.projective import (
     transform_lines,
 )
 
+_WORST_CONDITION = 1e14
+
 
 @dataclass(frozen=True, slots=True)
 class DltSolution:
@@ -116,6 +118,11 @@ def scale_homography(H: ArrayLike) -> Array:
     """Scale to ``H[2, 2] = 1`` (w = 1 at the field's origin); by norm where that entry vanishes."""
     H = np.asarray(H, dtype=np.float64)
     return H / H[2, 2] if abs(H[2, 2]) > 1e-12 * np.linalg.norm(H) else H / np.linalg.norm(H)
+
+
+def is_invertible(H: ArrayLike) -> bool:
+    """Whether a matrix (3, 3) maps both ways: not that of a camera in the plane, which sees it as one line."""
+    return bool(np.linalg.cond(np.asarray(H, dtype=np.float64)) < _WORST_CONDITION)
 
 
 def homography_from_circle(

@@ -23,6 +23,7 @@ from circlecal.records.index import ResultIndex
 from circlecal.records.log import INDEX_NAME, RESULTS_NAME, Finished, ResultLog, read_records
 from circlecal.records.writing import failure_record
 from circlecal.results import Verdict
+from circlecal.synthetic.sampling import render_frame
 from tests.conftest import finish_here
 
 from .runs import (
@@ -202,6 +203,21 @@ def same(found, expected) -> bool:
     if isinstance(expected, list):
         return len(found) == len(expected) and all(map(same, found, expected))
     return found == (pytest.approx(expected, rel=1e-6, abs=1e-6) if isinstance(expected, float) else expected)
+
+
+def test_outside_formats_of_a_field_of_ones_own_that_pictures_told(run_circlecal, in_this_process, tmp_path):
+    own, out = tmp_path / "mine.yaml", tmp_path / "out"
+    own.write_text((field_folder() / "futsal.yaml").read_text().replace("name: futsal", "name: hall", 1))
+    picture = render_frame("wood", np.random.default_rng(1), 960, 540).image
+    cv2.imwrite(str(tmp_path / "hall.png"), picture)
+    among = f"field.among=[soccer, {own}]"
+    outcome = run_circlecal(
+        "batch", tmp_path / "hall.png", "--field", "auto", "--set", among, "--out", out, "--to", "coco", "--quiet"
+    )
+    assert (outcome.code, outcome.err) == (0, "")
+    (record,) = records(out)
+    assert record["field"]["template"] == "hall"
+    assert json.loads((out / "coco.json").read_text())["annotations"]
 
 
 def test_keypoints_beside_pictures(run_circlecal, in_this_process, frame_file, tmp_path):

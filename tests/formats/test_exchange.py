@@ -1,6 +1,7 @@
 """Recognition by content, and every kind of broken file: one line that names the file and the field."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -217,6 +218,15 @@ def test_cameras_become_each_other(files, frame_camera, soccer, tmp_path, source
     factor = np.array([frame.width / 960, frame.height / 540])
     expected = (frame_camera.project([[9.0, 3.0]])[0] + 0.5) * factor - 0.5
     assert image[:2] / image[2] == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize("target", ["soccernet", "broadtrack", "tvcalib", "worldcup"])
+def test_a_camera_in_the_plane_of_the_field_is_refused_in_one_line(frame_camera, soccer, tmp_path, target):
+    path, flat = tmp_path / "camera_flat.json", replace(frame_camera, position_m=np.zeros(3))
+    path.write_bytes(soccernet_camera.write([CameraFrame("flat", 960, 540, flat)]))
+    with pytest.raises(InputError, match=r"camera_flat\.json: its camera lies in the plane .*position_meters") as told:
+        convert([path], None, target, tmp_path / "out", soccer)
+    assert "\n" not in str(told.value)
 
 
 def test_several_files_become_one(files, soccer, tmp_path):
