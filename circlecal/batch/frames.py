@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -43,6 +44,7 @@ from circlecal.pictures.remote import is_url, read_url
 from circlecal.pictures.video import pictures_at
 from circlecal.pipeline import Convention, apply_convention, field_of, run_observations
 from circlecal.records.json_text import write_result
+from circlecal.records.parts import MaskRecord
 from circlecal.records.record import ResultRecord
 from circlecal.records.writing import result_record
 from circlecal.results import FrameCalibration
@@ -208,6 +210,8 @@ class FrameRun:
                 circle = template.circle_by_name.get(calibration.circle_name, circle)
                 self.exports.add(record, template, circle, picture_name(frame.id, str(frame.path)))
         record = tell_size(record, frame)
+        if self.mask is None and isinstance(frame, PictureFile):
+            record = tell_mask(record, frame)
         if self.out is not None:
             write_outputs(picture, calibration, record, self.config, self.out)
         return record
@@ -224,7 +228,7 @@ class FrameRun:
         self, frame: PictureFile, template: FieldTemplate
     ) -> tuple[NDArray[np.uint8], ResultRecord, FrameCalibration]:
         """From its annotation where a person made one, on the size of the picture, else from what it shows."""
-        beside = frame.path if frame.time_s is None and frame.url is None else None
+        beside = frame.path if _is_file(frame) else None
         stored = find_annotation(self.annotations, frame.id, beside)
         if stored is None:
             picture, calibration = calibrate_frame(frame, self.config, self.mask, self.keypoints, self.format_name)
@@ -320,11 +324,38 @@ def write_stage_pictures(
 
 def tell_size(record: ResultRecord, frame: PictureFile | FrameOfFile) -> ResultRecord:
     """The record with the size of the picture's file, by which a later start knows another one of its name."""
-    is_file = isinstance(frame, PictureFile) and frame.time_s is None and frame.url is None
-    size = file_size(frame.path) if is_file else None
+    size = file_size(frame.path) if isinstance(frame, PictureFile) and _is_file(frame) else None
     if size is None or record.source is None:
         return record
     return record.model_copy(update={"source": record.source.model_copy(update={"bytes": size})})
+
+
+def tell_mask(record: ResultRecord, frame: PictureFile) -> ResultRecord:
+    """The record with the mask that lies beside the picture, by which a later start knows whether it changed;
+    as it is where a person's annotation counts in its place.
+    """
+    if record.source is None or record.annotation is not None or not _is_file(frame):
+        return record
+    return record.model_copy(update={"source": record.source.model_copy(update={"mask": _describe_mask(frame)})})
+
+
+def label_masks(frames: Iterable[PictureFile | FrameOfFile]) -> dict[str, str]:
+    """The mask that lies beside each picture with its size, by the frame's id; nothing where there is none."""
+    pictures = [frame for frame in frames if isinstance(frame, PictureFile) and _is_file(frame)]
+    found = {frame.id: _describe_mask(frame) for frame in pictures}
+    return {name: "" if mask is None else mask.label for name, mask in found.items()}
+
+
+def _describe_mask(frame: PictureFile) -> MaskRecord | None:
+    file = find_mask(frame, None)
+    if file is None:
+        return None
+    return MaskRecord(path=file.relative_to(frame.path.parent).as_posix(), bytes=file_size(file))
+
+
+def _is_file(frame: PictureFile) -> bool:
+    """Whether a frame is a picture of its own, neither of a video nor fetched."""
+    return frame.time_s is None and frame.url is None
 
 
 def picture_of_record(record: ResultRecord) -> PictureFile:

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.batch.frames import FrameRun, calibrate_frame, picture_of_record, tell_size, write_outputs
+from circlecal.batch.frames import FrameRun, calibrate_frame, picture_of_record, tell_mask, tell_size, write_outputs
 from circlecal.config import AUTO, Config, find_template, suit_config
 from circlecal.paint.colour import match_paint
 from circlecal.paint.shared_paint import Colour, agree_on_paint, is_coloured
@@ -182,7 +182,7 @@ class LearnedRun:
             taken=taken,
             alone=AloneRecord(status=before.status, code=before.code, reason=before.reason),
         )
-        record = tell_size(frame.record if answer is None else answer.record, file)
+        record = tell_size(frame.record if answer is None else tell_mask(answer.record, file), file)
         record = record.model_copy(update={"learnt": learnt, "config_digest": self.digest})
         out = self.run.out
         if out is not None and answer is None:

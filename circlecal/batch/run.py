@@ -70,6 +70,7 @@ def run_batch(
     total: int | None = None,
     restart: bool = False,
     annotations: Mapping[str, str | None] | None = None,
+    masks: Mapping[str, str] | None = None,
     on_progress: Callable[[BatchProgress], None] = lambda progress: None,
 ) -> BatchProgress:
     """Calibrate many frames in worker processes or on a cluster.
@@ -93,6 +94,9 @@ def run_batch(
     annotations : mapping, optional
         Digests of annotations by the id of their frame, None where nobody annotated it: frames that were finished with
         another one are calibrated again.
+    masks : mapping, optional
+        Masks beside pictures by the id of their frame, as :func:`circlecal.batch.frames.label_masks` tells them: frames
+        that were finished with another one are calibrated again.
     on_progress : callable
         Called after the start and after every frame, in this process.
 
@@ -112,8 +116,7 @@ def run_batch(
     with ResultLog(out, restart) as log:
         log.take_up(task.digest)
         _drop_frames(log, task.digest, {row.id for row in log.index.rows() if row.code in FAILED_CODES})
-        if annotations is not None:
-            _drop_old_frames(log, task.digest, annotations)
+        _drop_frames(log, task.digest, _find_old_frames(log.index, annotations or {}, masks or {}))
         expected = len(frames) if isinstance(frames, Sized) else total or 0
         progress = BatchProgress(total=expected)
         waiting = _skip_finished(_require_own(frames, task, log), log.index, progress, on_progress)
@@ -171,11 +174,14 @@ def _calibrate_again(
             write()
 
 
-def _drop_old_frames(log: ResultLog, digest: str, annotations: Mapping[str, str | None]) -> None:
-    """Take out the frames that were calibrated with another annotation than there is now."""
-    used = log.index.annotations()
+def _find_old_frames(index: ResultIndex, annotations: Mapping[str, str | None], masks: Mapping[str, str]) -> set[str]:
+    """The frames that were calibrated with another annotation or another mask beside their picture than there is now;
+    those of older versions, of which no mask is known, stay.
+    """
+    used, seen = index.annotations(), index.masks()
     changed = {name for name, now in annotations.items() if now != used.get(name)}
-    _drop_frames(log, digest, {name for name in changed if log.index.find(name) is not None})
+    changed |= {name for name, now in masks.items() if now != seen.get(name, now)}
+    return {name for name in changed if index.find(name) is not None}
 
 
 def _drop_frames(log: ResultLog, digest: str, names: Collection[str]) -> None:

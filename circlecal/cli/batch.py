@@ -208,6 +208,7 @@ def _calibrate(
 ) -> BatchProgress:
     """Calibrate all frames, those of videos after the others, while the progress is shown."""
     from circlecal.batch import run_batch
+    from circlecal.batch.frames import label_masks
     from circlecal.cli import console
 
     moments = (frame for video in work.videos for frame in video.frames(work.sampling, console.print_note))
@@ -221,6 +222,7 @@ def _calibrate(
             total=len(work.frames) + sum(video.estimate_count(work.sampling) for video in work.videos),
             restart=restart,
             annotations=_digest_annotations(work, run.annotations, out),
+            masks=label_masks(work.frames) if run.mask is None else None,
             on_progress=show,
         )
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from circlecal.records.summary import FrameSummary
 
-_VERSION = 2
+_VERSION = 3
 _PAGE = 1000
 _LAST_ID = "\U0010ffff" * 4
 """After every id."""
@@ -87,6 +87,13 @@ class ResultIndex:
         """Digests of the annotations that were used, by the id of the frame."""
         rows = self._database.execute("SELECT id, annotation FROM frames WHERE annotation IS NOT NULL")
         return {str(name): str(digest) for name, digest in rows}
+
+    def masks(self) -> dict[str, str]:
+        """The mask beside each picture with its size, by the id of the frame; nothing where there was none. Frames of
+        which that is not known are left out.
+        """
+        rows = self._database.execute("SELECT id, mask FROM frames WHERE mask IS NOT NULL")
+        return {str(name): str(mask) for name, mask in rows}
 
     def last_id(self, prefix: str) -> str | None:
         """The last of the ids that begin so, in their order; None where there is none."""

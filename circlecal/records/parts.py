@@ -45,12 +45,34 @@ class RecordPart(BaseModel):
     model_config = ConfigDict(extra="ignore", strict=True, allow_inf_nan=False, frozen=True)
 
 
+class MaskRecord(RecordPart):
+    """A mask that lay beside a picture: its path from the picture's folder, and its size."""
+
+    path: Text
+    bytes: Count | None = None
+
+    @property
+    def label(self) -> str:
+        """Path and size on one line."""
+        return f"{self.path} {self.bytes}"
+
+
 class SourceRecord(RecordPart):
-    """Where a frame comes from: its file or address, the size of a picture's file, and its time in a video."""
+    """Where a frame comes from: its file or address, the size of a picture's file, and its time in a video; ``mask`` is
+    null where none lay beside the picture, and not there where none was looked for.
+    """
 
     path: Text | None = None
     time_s: Number = None
     bytes: Count | None = None
+    mask: MaskRecord | None = None
+
+    @property
+    def mask_label(self) -> str | None:
+        """Path and size of the mask beside the picture, nothing where there was none; None where that is not known."""
+        if "mask" not in self.model_fields_set:
+            return None
+        return "" if self.mask is None else self.mask.label
 
 
 class FieldRecord(RecordPart):

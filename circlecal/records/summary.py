@@ -23,7 +23,7 @@ class FrameSummary:
 
     ``rms_px`` is that of the fitted ellipse's inliers, ``sigma_px`` the largest predicted standard deviation near the
     circle; ``time_s`` is the time in the video; position and focal length are the camera's, metres and pixels;
-    ``annotation`` is the digest of the annotation that was used.
+    ``annotation`` is the digest of the annotation that was used, ``mask`` the mask beside the picture and its size.
     """
 
     id: str
@@ -43,6 +43,7 @@ class FrameSummary:
     roll_deg: float | None = None
     focal_px: float | None = None
     annotation: str | None = None
+    mask: str | None = None
 
 
 def summarise(record: ResultRow) -> FrameSummary:
@@ -60,6 +61,7 @@ def summarise(record: ResultRow) -> FrameSummary:
         reason=reason and as_text(reason),
         time_s=None if record.source is None else record.source.time_s,
         annotation=record.annotation,
+        mask=None if record.source is None else record.source.mask_label,
         **_camera_columns(record.camera),
     )
 

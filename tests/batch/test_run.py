@@ -1,5 +1,6 @@
 """Many frames: every frame once, whatever happens to the run."""
 
+import csv
 import json
 import os
 import resource
@@ -150,6 +151,48 @@ def test_another_picture_of_one_name_is_told(run_circlecal, in_this_process, fra
     outcome = run_circlecal(*command, first)
     assert outcome.code == 2 and f"holds the result of {first}, which has changed since; " in outcome.err
     assert run_circlecal(*command, tmp_path / "second" / "x.png", "--restart").code in (0, 1)
+
+
+def test_a_mask_that_comes_changes_or_goes_counts_at_the_next_start(run_circlecal, in_this_process, tmp_path):
+    (path,) = paint(tmp_path / "frames", 1).iterdir()
+    out = tmp_path / "out"
+    command = "batch", path.parent, "--out", out, "--workers", 1
+
+    def start():
+        outcome = run_circlecal(*command)
+        (record,) = records(out)
+        (row,) = csv.DictReader((out / SUMMARY_NAME).open())
+        return record["source"]["mask"], row["mask"], "1 from before" in outcome.err
+
+    assert start() == (None, "", False)
+    assert start() == (None, "", True)
+    beside, inside = path.with_name("f000.mask.png"), path.parent / "masks" / "f000.png"
+    inside.parent.mkdir()
+    for mask, shown in ((inside, 1), (beside, 1), (beside, 40)):
+        cv2.imwrite(str(mask), np.eye(80, 120, dtype=np.uint8)[: 2 * shown].repeat(40 // shown, axis=0) * 255)
+        size, name = mask.stat().st_size, mask.relative_to(path.parent).as_posix()
+        told = {"path": name, "bytes": size}, f"{name} {size}"
+        assert start() == (*told, False)
+        assert start() == (*told, True)
+    # a mask for all frames is another run; without it those beside count as before
+    assert run_circlecal(*command, "--mask", beside).code == 2
+    beside.unlink()
+    inside.unlink()
+    assert start() == (None, "", False)
+
+
+def test_a_run_of_a_version_that_told_no_masks_goes_on(run_circlecal, in_this_process, tmp_path):
+    frames, out = paint(tmp_path / "frames", 2), tmp_path / "out"
+    cv2.imwrite(str(frames / "f000.mask.png"), np.eye(80, 120, dtype=np.uint8) * 255)
+    command = "batch", frames, "--out", out, "--workers", 1
+    run_circlecal(*command)
+    lines = records(out)
+    for line in lines:
+        del line["source"]["mask"]
+    (out / RESULTS_NAME).write_text("".join(json.dumps(line) + "\n" for line in lines))
+    (out / INDEX_NAME).unlink()
+    assert "2 from before" in run_circlecal(*command).err
+    assert records(out) == lines
 
 
 def test_a_picture_keeps_its_name_when_others_of_that_name_come(run_circlecal, in_this_process, frame_file, tmp_path):
