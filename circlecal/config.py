@@ -447,6 +447,8 @@ def _apply_override(content: dict[str, Any], override: str | NamedOption | tuple
             value = value.tolist()
         value = _copy_sections(value)
         equals, told = "=", f"set {key}={_kind(value) if isinstance(value, list | dict) else value}"
+        if not isinstance(key, str):
+            raise ConfigError(f"{told}: {key!r} is no name of an option, such as 'camera.roll_sd_deg'")
     parts = key.strip().split(".")
     if not equals or not all(parts):
         raise ConfigError(f"{told}: must look like section.key=value")

@@ -232,8 +232,19 @@ def test_arguments_of_another_kind(frame_image):
         circlecal.calibrate(frame_image, {"camera": {}})
     with pytest.raises(TypeError, match="set takes a mapping"):
         circlecal.calibrate(frame_image, set="seed=3")
-    with pytest.raises(InputError, match="width and height of the picture"):
-        circlecal.calibrate_points(size=(0, 720), circle=[[1, 1]])
+    with pytest.raises(InputError, match="points: takes pixels by the name of what they show, or a file, not list"):
+        circlecal.calibrate(frame_image, points=[[1, 2]])
+    with pytest.raises(ConfigError, match=r"set 1=2: 1 is no name of an option, such as 'camera\.roll_sd_deg'"):
+        circlecal.calibrate(frame_image, set={1: 2})
+
+
+@pytest.mark.parametrize("size", [(0, 720), 1280, None, ("a", "b"), (960.5, 540), (960,), (np.inf, 540), "12"])
+def test_sizes_that_are_none(size, good, tmp_path):
+    with pytest.raises(InputError, match=r"^size must be the width and height of the picture in pixels, not "):
+        circlecal.calibrate_points(size=size, circle=[[1, 1]])
+    if size is not None:
+        with pytest.raises(InputError, match=r"^size must be the width and height of the picture in pixels, not "):
+            good.export("worldcup", tmp_path, size=size)
 
 
 def test_a_refused_frame_says_why_and_what_helps(refused):
@@ -382,6 +393,20 @@ def test_calibrate_points(frame_camera):
         ({"circle": 3.0}, "not a single number"),
         ({"size": (960.5, 540)}, "size"),
         ({"lines": {"halfway_line": [[1, 2]]}}, "^halfway_line: is a line of one point; give two or more$"),
+        ({"lines": [[1, 2]]}, "^lines: takes pixels by the name of what they show, not list$"),
+        ({"keypoints": 3}, "^keypoints: takes pixels by the name of what they show, not int$"),
+        ({"sigma_px": "wide"}, "sigma_px must be a standard deviation in pixels above 0, not 'wide'"),
+        ({"keypoints": {"centre_mark": [[640, 360], [9, 9]]}}, "^centre_mark: is one point of the field, and 2 pixels"),
+        ({"keypoints": {"centre_circle top": np.ones((3, 2))}}, "^centre_circle top: is one point of the field, and 3"),
+        ({"keypoints": {"halfway_line x side_line_top": np.ones((2, 2))}}, "is one point of the field, and 2 pixels"),
+        (
+            {"circle": [[1, 2]], "keypoints": {"centre_circle": [3, 4]}},
+            "^centre_circle: is given in circle and in keypoints; give all its pixels in one$",
+        ),
+        (
+            {"lines": {"halfway_line": [[1, 2], [3, 4]]}, "keypoints": {"halfway_line": [5, 6]}},
+            "^halfway_line: is given in lines and in keypoints; give all its pixels in one$",
+        ),
     ],
 )
 def test_points_that_are_none(points, part):
@@ -422,6 +447,21 @@ def test_a_result_is_saved_in_a_folder_whatever_its_name(tmp_path):
     assert list(tmp_path.iterdir()) == [folder]
 
 
+@pytest.mark.parametrize(
+    ("name", "where"),
+    [
+        ("runs/results.2024/", "runs/results.2024/good.json"),
+        ("runs/results.2024", "runs/results.2024/good.json"),
+        ("runs/x.json/", "runs/x.json/good.json"),
+        ("runs/x.json", "runs/x.json"),
+        ("runs/x.v2.JSON", "runs/x.v2.JSON"),
+    ],
+)
+def test_what_does_not_exist_is_a_file_where_its_name_ends_in_json(good, tmp_path, name, where):
+    saved = good.save(f"{tmp_path}/{name}")
+    assert saved == tmp_path / where.replace("good", good.id) and circlecal.load(saved) == good
+
+
 def test_sizes_of_a_result_count_for_a_field_of_ones_own(frame_image, tmp_path):
     own = tmp_path / "mine.yaml"
     own.write_bytes((field_folder() / "soccer.yaml").read_bytes())
@@ -442,6 +482,15 @@ def test_a_result_of_a_field_of_ones_own_says_how_to_give_its_file(good, tmp_pat
     with pytest.raises(ConfigError, match=r"'mine', a template of your own; give its file: circlecal\.load\(.*field="):
         _ = circlecal.load(path).field
     assert circlecal.load(path, field=mine).field.name == "mine"
+
+
+def test_a_notebook_shows_a_result_of_a_field_of_ones_own_without_its_picture(frame_file, tmp_path):
+    mine = tmp_path / "mine.yaml"
+    mine.write_text((field_folder() / "soccer.yaml").read_text().replace("name: soccer", "name: mine", 1))
+    found = circlecal.calibrate(frame_file, field=mine)
+    stored = circlecal.load(found.save(tmp_path / "stored.json"))
+    assert "<img" in found._repr_html_()
+    assert "<table" in stored._repr_html_() and "<img" not in stored._repr_html_()
 
 
 def test_cameras_are_written_for_pictures_of_some_size(frame_image, tmp_path):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import weakref
 from functools import cached_property
 from pathlib import Path
@@ -16,7 +18,7 @@ from circlecal.api.transformer import ViewTransformer
 from circlecal.errors import ConfigError, InputError
 from circlecal.field import FieldTemplate, field_names, load_field
 from circlecal.field.view import FieldView
-from circlecal.files import is_folder
+from circlecal.files import exists, is_folder
 from circlecal.formats.exports import Exports
 from circlecal.formats.registry import calibration_formats, require_format
 from circlecal.geometry.camera import Camera
@@ -466,7 +468,7 @@ class Calibration:
         Parameters
         ----------
         path : path
-            The file, or a folder, in which it is called ``<id>.json``.
+            The file, whose name ends in ``.json``, or a folder, in which it is called ``<id>.json``.
 
         Returns
         -------
@@ -480,7 +482,8 @@ class Calibration:
             written over.
         """
         file = Path(path)
-        file = file / f"{as_stem(self.id)}.json" if is_folder(file) or not file.suffix else file
+        if _is_meant_as_folder(path):
+            file = file / f"{as_stem(self.id)}.json"
         write_result(file, self._record)
         return file
 
@@ -546,8 +549,19 @@ class Calibration:
     def _repr_html_(self) -> str:
         """The overlay picture, where the picture is at hand, and a table."""
         image = self.image
-        is_at_hand = image is not None and image.shape[1::-1] == self.size
-        return show_record(self._record, self.overlay(image) if is_at_hand else None)
+        drawn = None
+        if image is not None and image.shape[1::-1] == self.size:
+            with contextlib.suppress(ConfigError):  # of a field of somebody's own, whose file was not given
+                drawn = self.overlay(image)
+        return show_record(self._record, drawn)
+
+
+def _is_meant_as_folder(path: str | Path) -> bool:
+    """Whether a path is one of a folder, which need not exist: it ends in a slash, or in anything but ``.json``."""
+    file = Path(path)
+    if is_folder(file) or str(path).endswith(("/", os.sep)):
+        return True
+    return file.suffix.lower() != ".json" and not exists(file)
 
 
 def _points(points: PointsLike, entries: tuple[int, ...] = (2,)) -> Array:

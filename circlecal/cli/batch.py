@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from circlecal.cli import options
-from circlecal.cli.inputs import choose_frames_and_videos, note_idle_sizes, note_late_start, require_frames
+from circlecal.cli.inputs import choose_frames_and_videos, note_idle_options, note_late_start, require_frames
 from circlecal.cli.sport_hints import SportHints
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def batch(
     annotations: options.Annotations = None,
     from_format: options.FromFormat = None,
     size: options.Size = None,
-    convention: options.PointConvention = options.Convention.OFFICIAL,
+    convention: options.PointConvention = None,
     to: Annotated[
         list[str] | None,
         typer.Option(
@@ -121,12 +121,12 @@ def batch(
         keypoints=keypoints,
         format_name=options.choose_format(from_format),
         size=options.parse_size(size),
-        convention=convention.value,
+        convention=options.convention_of(convention),
     )
     failures: list[Exception] = []
     work = _choose_work(inputs, run, out, every, start, end, failures)
     if not quiet:
-        note_idle_sizes(work.frames, size, to, eval_size)
+        note_idle_options(work.frames, size, convention, to, eval_size)
     out = options.folder_of_run(out, run.digest, ask=console.can_ask() and not quiet, restart=restart)
     if files:
         exports.into(out).require_apart(frame.id for frame in work.frames)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from circlecal.cli import options
-from circlecal.cli.inputs import choose_inputs, note_idle_sizes, require_frames
+from circlecal.cli.inputs import choose_inputs, note_idle_options, require_frames
 from circlecal.cli.sport_hints import SportHints
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def calibrate(
     annotations: options.Annotations = None,
     from_format: options.FromFormat = None,
     size: options.Size = None,
-    convention: options.PointConvention = options.Convention.OFFICIAL,
+    convention: options.PointConvention = None,
     to: options.To = None,
     eval_size: options.EvalSize = None,
     config: options.ConfigFile = None,
@@ -77,14 +77,14 @@ def calibrate(
     options.require_export_field(to, chosen)
     format_name = options.choose_format(from_format)
     written = annotations or out / ANNOTATION_FOLDER
-    size_given = options.parse_size(size)
-    run = FrameRun(chosen, out, exports, mask, keypoints, format_name, size_given, convention.value, written)
+    size_given, points_at = options.parse_size(size), options.convention_of(convention)
+    run = FrameRun(chosen, out, exports, mask, keypoints, format_name, size_given, points_at, written)
     failures: list[Exception] = []
     frames = choose_inputs(inputs, run, out, console.error_reporter(failures))
     if not failures:
         require_frames(inputs, frames)
     if not quiet:
-        note_idle_sizes(frames, size, to, eval_size)
+        note_idle_options(frames, size, convention, to, eval_size)
     exports.require_apart(frame.id for frame in frames)
     prepare_folder(out)
     summaries: list[FrameSummary] = []

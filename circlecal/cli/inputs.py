@@ -154,15 +154,25 @@ def _frames_of(
     return [*frames, *annotated]
 
 
-def note_idle_sizes(
-    frames: Sequence[PictureFile | FrameOfFile], size: str | None, to: Sequence[str] | None, eval_size: str | None
+def note_idle_options(
+    frames: Sequence[PictureFile | FrameOfFile],
+    size: str | None,
+    convention: str | None,
+    to: Sequence[str] | None,
+    eval_size: str | None,
 ) -> None:
-    """Say which of ``--size`` and ``--eval-size`` was given and counts for nothing."""
+    """Say which of ``--size``, ``--convention`` and ``--eval-size`` was given and counts for nothing."""
     from circlecal.cli import console
     from circlecal.formats.inputs import FrameOfFile
 
-    if size is not None and frames and not any(isinstance(frame, FrameOfFile) for frame in frames):
+    files = [frame for frame in frames if isinstance(frame, FrameOfFile)]
+    if size is not None and frames and not files:
         console.print_note("--size counts for annotation files without a size, and only pictures are given")
+    if convention is not None and all(file.annotation is not None for file in files):
+        console.print_note(
+            "--convention counts for annotation files of other programs, and none is given; keypoints beside pictures "
+            "and what circlecal annotate wrote lie on the middle of the paint"
+        )
     if eval_size is not None and not to:
         console.print_note("--eval-size counts for what --to writes, and no --to is given")
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, overload
+from typing import TYPE_CHECKING, Annotated, Literal, overload
 
 import typer
 
@@ -52,6 +52,11 @@ class Convention(StrEnum):
     PAINT = "paint"
 
 
+def convention_of(given: Convention | None) -> Literal["official", "paint"]:
+    """Where annotated points lie, by the rules where nothing was given."""
+    return (given or Convention.OFFICIAL).value
+
+
 _MOST_DIGITS = 18
 """Of a number that is read at all."""
 _ANNOTATIONS = "coco, cvat, extremities, gamestate, labelme, labelstudio, pnlcalib, soccernet, workbench"
@@ -90,8 +95,12 @@ ClipAnnotations = Annotated[
     ),
 ]
 PointConvention = Annotated[
-    Convention,
-    typer.Option("--convention", help="Annotated points lie at the official size, or on the middle of the paint."),
+    Convention | None,
+    typer.Option(
+        "--convention",
+        help="Points of annotation files lie at the sizes of the rules, or on the middle of the paint. "
+        "(default: official)",
+    ),
 ]
 To = Annotated[
     list[str] | None,

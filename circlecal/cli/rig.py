@@ -28,7 +28,7 @@ def rig(
         typer.Option("--cameras", metavar="FILE", help="CSV with id,camera. (default: by where the cameras stand)"),
     ] = None,
     mask: options.Mask = None,
-    convention: options.PointConvention = options.Convention.OFFICIAL,
+    convention: options.PointConvention = None,
     workers: options.Workers = None,
     restart: Annotated[bool, typer.Option("--restart", help="Start over instead of going on.")] = False,
     config: options.ConfigFile = None,
@@ -45,7 +45,9 @@ def rig(
     from circlecal.rig.run import read_cameras
 
     console.configure_logging(quiet=quiet, verbose=verbose)
-    run = FrameRun(options.choose_config(config, settings, field, seed), mask=mask, convention=convention.value)
+    run = FrameRun(
+        options.choose_config(config, settings, field, seed), mask=mask, convention=options.convention_of(convention)
+    )
     given = None if cameras is None else read_cameras(cameras)
     report = estimate_shared_cameras(
         results, run, out, workers=workers, restart=restart, as_json=as_json, quiet=quiet, cameras=given

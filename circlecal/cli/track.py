@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from circlecal.cli import options
-from circlecal.cli.inputs import choose_videos, note_idle_sizes, note_late_start
+from circlecal.cli.inputs import choose_videos, note_idle_options, note_late_start
 from circlecal.cli.sport_hints import SportHints
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ def track(
     videos = choose_videos(inputs, console.error_reporter(failures))
     note_late_start(videos, sampling)
     if not quiet:
-        note_idle_sizes((), None, to, eval_size)
+        note_idle_options((), None, None, to, eval_size)
     refused, count = 0, 0
     if videos:
         if chosen.field.template == AUTO:

@@ -41,6 +41,24 @@ CameraModel = Literal["camera", "centred camera", "homography"]
 coefficient of distortion; or only where the flat field is seen."""
 
 
+def as_size(given: Any) -> Size:
+    """Width and height of pictures as a caller gave them.
+
+    Raises
+    ------
+    InputError
+        They are no two whole numbers above 0.
+    """
+    try:
+        width, height = (int(side) for side in given)
+        is_whole = (width, height) == tuple(given) and min(width, height) >= 1
+    except (TypeError, ValueError, OverflowError):
+        is_whole = False
+    if not is_whole:
+        raise InputError(f"size must be the width and height of the picture in pixels, not {given!r}")
+    return width, height
+
+
 @dataclass(frozen=True, slots=True)
 class CameraFrame:
     """A frame's camera in an outside file, or its homography alone.

@@ -15,7 +15,7 @@ from circlecal.errors import InputError
 from circlecal.field import Circle, FieldTemplate, load_field
 from circlecal.files import real_path, remove_file, write_atomic
 from circlecal.formats.annotation import draw_measured
-from circlecal.formats.cameras import CalibratedFrame, CameraFrame, Size
+from circlecal.formats.cameras import CalibratedFrame, CameraFrame, Size, as_size
 from circlecal.formats.format import AnnotationFormat, CameraFormat
 from circlecal.formats.inputs import FrameOfFile
 from circlecal.formats.meaning import SourcesConfig, observe
@@ -73,18 +73,16 @@ class Exports:
     Raises
     ------
     InputError
-        An unknown format.
+        An unknown format, or a size that is none.
     """
 
     def __init__(self, targets: Sequence[str], folder: Path, size: Size | None = None) -> None:
         known = calibration_formats()
         for name in targets:
             require_format(name, known, "--to", "format that can be written")
-        if size is not None and min(size) < 1:
-            raise InputError(f"size must be the width and height of the pictures in pixels, not {size}")
         self._targets = tuple(known[name] for name in dict.fromkeys(targets))
         self._folder = folder
-        self._size = size
+        self._size = None if size is None else as_size(size)
         self._cameras: dict[str, list[CameraFrame]] = defaultdict(list)
         self._shapes: dict[str, list[AnnotatedFrame]] = defaultdict(list)
         self._refused: list[AnnotatedFrame] = []

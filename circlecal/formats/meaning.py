@@ -175,6 +175,17 @@ def normalise(label: str) -> str:
     return " ".join(label.replace("_", " ").split()).casefold().replace("center", "centre")
 
 
+def names_a_point(label: str, template: FieldTemplate) -> bool:
+    """Whether a label names one point of the field: a mark, a point of a circle, or where two lines meet."""
+    name = normalise(label)
+    kind, _ = _elements(template).get(name, ("", ""))
+    if kind or pnlcalib.keypoint_number(label) is not None:
+        return kind in ("", "mark")
+    prefixes = [normalise(circle.name) + " " for circle in template.circles]
+    places = {name.removeprefix(prefix) for prefix in prefixes if name.startswith(prefix)}
+    return name in _CENTRE_WORDS or " x " in name or bool(places & {CENTRE, *_DIRECTIONS})
+
+
 @dataclass(slots=True)
 class _Reading:
     """Shapes of one frame on their way to observations."""

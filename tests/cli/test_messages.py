@@ -1,7 +1,9 @@
 """What is said of wrong use: one line with what was given and the mend, exit code 2."""
 
+import json
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -56,6 +58,19 @@ def test_a_size_that_counts_for_nothing_is_told(run_circlecal, folder):
     assert told not in run_circlecal(*quick, "--eval-size", "960x540", "--to", "soccernet").err
     assert "--size counts for annotation files" in run_circlecal(*quick, "--size", "960x540").err
     assert "counts" not in run_circlecal(*quick, "--size", "960x540", "--eval-size", "960x540", "--quiet").err
+
+
+@pytest.mark.parametrize("command", ["calibrate", "batch"])
+def test_a_convention_that_counts_for_nothing_is_told(run_circlecal, in_this_process, folder, command):
+    points = {"Circle central": [{"x": 0.4, "y": 0.4}, {"x": 0.6, "y": 0.5}]}
+    Path("points.json").write_text(json.dumps(points))
+    anew = ["--restart"] if command == "batch" else []
+    quick = (command, "good.png", "--out", "conventions", "--no-overlay", *anew)
+    told = "--convention counts for annotation files of other programs, and none is given"
+    for name in ("official", "paint"):
+        assert told in run_circlecal(*quick, "--keypoints", "points.json", "--convention", name).err
+    assert told not in run_circlecal(*quick).err
+    assert told not in run_circlecal(*quick, "points.json", "--size", "960x540", "--convention", "paint").err
 
 
 @pytest.mark.parametrize("command", ["rig", "annotate", "convert"])
