@@ -138,17 +138,31 @@ def read_table(lines: Iterable[str], name: str, columns: Sequence[str]) -> Itera
     InputError
         A column is missing or there twice, or the lines are no table.
     """
-    table = csv.DictReader(lines, restval="")
+    rows = read_rows(lines, name, columns)
+    _, names = next(rows)
+    places = {column: names.index(column) for column in columns}
+    for number, cells in rows:
+        yield number, {column: cells[place] for column, place in places.items()}
+
+
+def read_rows(lines: Iterable[str], name: str, columns: Sequence[str]) -> Iterator[tuple[int, list[str]]]:
+    """Line numbers and all cells of a CSV table, the names of its columns first; short rows end in empty cells.
+
+    Parameters and errors as for :func:`read_table`.
+    """
+    table = csv.reader(lines)
     try:
-        named = table.fieldnames or ()
+        named = next(table, [])
         wrong = next((column for column in columns if named.count(column) != 1), None)
         if wrong is not None:
             what = f"has {'two columns' if wrong in named else 'no column'} {wrong!r}"
             found = ", not by semicolons" if any(";" in column for column in named) else ""
             wanted = f"name the columns {', '.join(columns)}, separated by commas{found}"
             raise InputError(f"{name}, line 1: {what}; {wanted}")
-        for row in table:
-            yield table.line_num, {column: row[column] for column in columns}
+        yield table.line_num, named
+        for cells in table:
+            if cells:
+                yield table.line_num, cells + [""] * (len(named) - len(cells))
     except csv.Error as error:
         raise InputError(f"{name}, line {table.line_num}: is no CSV table: {error}; save it as CSV again") from error
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from circlecal.errors import CirclecalError, InputError
 from circlecal.field import load_field
-from circlecal.files import read_table
+from circlecal.files import read_rows
 from circlecal.geometry.projective import Array
 from circlecal.names import from_cell
 from circlecal.records.log import read_records
@@ -26,11 +26,20 @@ _COLUMNS = ("frame", "x", "y")
 
 @dataclass(frozen=True, slots=True)
 class TablePoint:
-    """A point (2,) of a frame, as it was given."""
+    """A point (2,) of a frame, as it was given, and the cells of its row."""
 
     frame: str
     x: float
     y: float
+    cells: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class PointTable:
+    """Names of the columns of a table, and its points."""
+
+    columns: tuple[str, ...]
+    points: list[TablePoint]
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +55,7 @@ class ProjectedPoint:
     note: str
 
 
-def read_points(lines: Iterable[str], name: str) -> list[TablePoint]:
+def read_points(lines: Iterable[str], name: str, further: Collection[str] = ()) -> PointTable:
     """Points of a CSV table with the columns ``frame``, ``x`` and ``y``, in any order among others.
 
     Parameters
@@ -55,26 +64,37 @@ def read_points(lines: Iterable[str], name: str) -> list[TablePoint]:
         Of the table, the first with the names of the columns.
     name : str
         Named in errors.
+    further : collection of str
+        Columns that are to be written behind those of the table, which must not have them.
 
     Raises
     ------
     InputError
-        A column is missing, or a number is none; with the line. Two empty cells are nan: a player who was not seen.
+        A column is missing, or there already; a number is none, or a row is too long; with the line. Two empty cells
+        are nan: a player who was not seen.
     """
-    found = []
-    for number, row in read_table(lines, name, _COLUMNS):
-        frame = from_cell(row["frame"])
-        if not row["x"].strip() and not row["y"].strip():
-            found.append(TablePoint(frame, np.nan, np.nan))
-            continue
-        try:
-            x, y = float(row["x"]), float(row["y"])
-        except ValueError as error:
-            raise InputError(f"{name}, line {number}: x and y must be numbers") from error
-        if not (np.isfinite(x) and np.isfinite(y)):
-            raise InputError(f"{name}, line {number}: x and y must be finite")
-        found.append(TablePoint(frame, x, y))
-    return found
+    rows = read_rows(lines, name, _COLUMNS)
+    _, columns = next(rows)
+    doubled = next((column for column in columns if column in further), None)
+    if doubled is not None:
+        raise InputError(f"{name}, line 1: has a column {doubled!r}, which is written here; rename it")
+    return PointTable(tuple(columns), [_point_of(cells, columns, f"{name}, line {number}") for number, cells in rows])
+
+
+def _point_of(cells: list[str], columns: list[str], where: str) -> TablePoint:
+    """The point of a row."""
+    if len(cells) > len(columns):
+        raise InputError(f"{where}: has {len(cells)} cells for {len(columns)} columns; quote cells that hold a comma")
+    frame, x, y = (cells[columns.index(column)] for column in _COLUMNS)
+    if not x.strip() and not y.strip():
+        return TablePoint(from_cell(frame), np.nan, np.nan, tuple(cells))
+    try:
+        point = TablePoint(from_cell(frame), float(x), float(y), tuple(cells))
+    except ValueError as error:
+        raise InputError(f"{where}: x and y must be numbers") from error
+    if not (np.isfinite(point.x) and np.isfinite(point.y)):
+        raise InputError(f"{where}: x and y must be finite")
+    return point
 
 
 def project_table(results: Path, points: list[TablePoint], to: Literal["field", "image"]) -> Iterator[ProjectedPoint]:
@@ -113,7 +133,7 @@ def project_points(
     if not points:
         return []
     if record.status != "calibrated" or view is None:
-        return [ProjectedPoint(p, np.nan, np.nan, np.nan, f"refused: {record.code}") for p in points]
+        return [ProjectedPoint(p, np.nan, np.nan, np.nan, explain_no_view(record)) for p in points]
     given = np.array([(p.x, p.y) for p in points])
     found = (view.to_field if to == "field" else view.project)(given, sigma=True)
     sigma = np.full(len(points), np.nan) if found.sigma is None else found.sigma
@@ -123,6 +143,13 @@ def project_points(
         ProjectedPoint(p, place[0], place[1], spread, _note(p, place[0], nowhere, out))
         for p, place, spread, out in zip(points, found.points.tolist(), sigma.tolist(), outside.tolist(), strict=True)
     ]
+
+
+def explain_no_view(record: ResultRecord) -> str:
+    """Why nothing can be projected with a record: it was refused, or keys of it are missing."""
+    if record.status != "calibrated":
+        return f"refused: {record.code}"
+    return f"the key {'image' if record.image is None else 'H_image_field'} is missing"
 
 
 def _note(given: TablePoint, place: float, nowhere: str, is_outside: bool) -> str:

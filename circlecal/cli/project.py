@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from circlecal.cli import options
-from circlecal.names import as_cell
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from circlecal.api.tables import ProjectedPoint
     from circlecal.records.record import ResultRecord
 
@@ -59,7 +60,7 @@ def project(
     verbose: options.Verbose = False,
 ) -> None:
     """Take points from the picture to the field or back, with the camera's lens where the result has a camera."""
-    from circlecal.api.tables import TablePoint, project_points
+    from circlecal.api.tables import TablePoint, explain_no_view, project_points
     from circlecal.cli import console
     from circlecal.errors import InputError
     from circlecal.files import is_folder
@@ -79,7 +80,10 @@ def project(
             f"{result}: holds the results of a run; give a result file of circlecal calibrate, or --points with a run"
         )
     stored = read_result(result)
-    if stored.status != "calibrated" or stored.view is None:
+    if stored.status == "calibrated" and stored.view is None:
+        why = explain_no_view(stored)
+        raise InputError(f"{result}: {stored.id} is calibrated, but {why}; calibrate the frame again")
+    if stored.status != "calibrated":
         console.print_error(f"{result}: {stored.id} was refused, so nothing can be projected: {stored.reason}")
         raise typer.Exit(1)
     given = [TablePoint(stored.id, x, y) for x, y in zip(coordinates[::2], coordinates[1::2], strict=True)]
@@ -142,7 +146,7 @@ def _finite(value: float) -> float | None:
 
 
 def _project_table(results: Path, points: Path, to: Target, *, as_json: bool) -> None:
-    """A table of points of many frames as a table, or as JSON, one line each."""
+    """A table of points of many frames with the places behind its own columns, or as JSON, one line each."""
     from circlecal.api.tables import NO_SUCH_FRAME, project_table, read_points
     from circlecal.cli import console
     from circlecal.errors import InputError
@@ -153,20 +157,27 @@ def _project_table(results: Path, points: Path, to: Target, *, as_json: bool) ->
     )
     given_unit, unit = to.units
     names = ("frame", f"x_{given_unit}", f"y_{given_unit}", f"x_{unit}", f"y_{unit}", f"sigma_{unit}", "note")
-    given = read_points(lines, str(points))
+    table = read_points(lines, str(points), names[1:] if as_json else names[3:])
     if not as_json:
-        console.print_line(",".join(names))
-    is_known = not given
-    for found in project_table(results, given, to.value):
+        console.print_line(_as_row([*table.columns, *names[3:]]))
+    is_known = not table.points
+    for found in project_table(results, table.points, to.value):
         is_known = is_known or found.note != NO_SUCH_FRAME
-        numbers = (found.given.x, found.given.y, found.x, found.y, found.sigma)
+        place = (found.x, found.y, found.sigma)
         if as_json:
-            row = (found.given.frame, *map(_finite, numbers), found.note or None)
-            console.print_json(json.dumps(dict(zip(names, row, strict=True))))
+            others = dict(zip(table.columns, found.given.cells, strict=True))
+            told = (found.given.frame, *map(_finite, (found.given.x, found.given.y, *place)), found.note or None)
+            row = {name: cell for name, cell in others.items() if name not in ("x", "y")}
+            console.print_json(json.dumps(row | dict(zip(names, told, strict=True))))
             continue
-        text = io.StringIO()
-        cells = ["" if _finite(value) is None else f"{value:z.6g}" for value in numbers]
-        csv.writer(text, lineterminator="\n").writerow([as_cell(found.given.frame), *cells, found.note])
-        console.print_line(text.getvalue().rstrip("\n"))
+        cells = ["" if _finite(value) is None else f"{value:z.6g}" for value in place]
+        console.print_line(_as_row([*found.given.cells, *cells, found.note]))
     if not is_known:
         raise InputError(f"{points}: {results} has none of its frames; the column frame holds their ids")
+
+
+def _as_row(cells: Sequence[str]) -> str:
+    """A row of a CSV table."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerow(cells)
+    return text.getvalue().removesuffix("\n")

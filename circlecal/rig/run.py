@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import io
 import json
@@ -28,7 +29,7 @@ from circlecal.names import from_cell
 from circlecal.pictures.limits import LimitsConfig
 from circlecal.pictures.remote import is_url
 from circlecal.pipeline import Convention, apply_convention, field_of, run_observations
-from circlecal.records.camera_prior import write_prior
+from circlecal.records.camera_prior import prior_settings, write_prior
 from circlecal.records.log import ResultLog, read_records
 from circlecal.records.parts import AloneRecord, RigRecord
 from circlecal.records.record import ResultRecord, ResultRow
@@ -38,7 +39,7 @@ from circlecal.rig.estimation import Rig, config_with_prior, estimate_rigs, summ
 from circlecal.rig.frames import RigFrame, frame_of_record
 from circlecal.rig.recalibration import Recalibration, find_refusal, recalibrate
 from circlecal.rig.tripod_of_rig import venue_of_rigs
-from circlecal.rig.venue import VENUE_NAME, write_venue
+from circlecal.rig.venue import VENUE_NAME, read_venue_file, write_venue
 
 _log = logging.getLogger(__name__)
 
@@ -183,8 +184,8 @@ def run_rig(
     task = RigTask(config, tuple(rigs), cameras, mask, convention, annotated, tuple(said))
     with ResultLog(out, restart) as log:  # a folder of another run stays as it is
         log.take_up(task.digest)
-        for old in out.glob("camera-*.yaml"):
-            old.unlink()
+        for old in _find_priors(out):
+            old.unlink(missing_ok=True)
         for rig in rigs:
             write_camera(out / f"{rig.name}.yaml", rig, config)
         if rigs:
@@ -271,6 +272,23 @@ class RigTask:
         return _new_record(frame.record, found, told_as, self.digest)
 
 
+def _find_priors(out: Path) -> list[Path]:
+    """The prior files of an earlier run in a folder: of unnamed cameras, and of those that its venue lists."""
+    venue, listed = out / VENUE_NAME, list[Path]()
+    if is_file(venue):
+        with contextlib.suppress(InputError):  # of another program, or damaged
+            listed = [out / f"{tripod.name}.yaml" for tripod in read_venue_file(venue).tripods]
+    return [*out.glob("camera-*.yaml"), *filter(_is_prior, listed)]
+
+
+def _is_prior(path: Path) -> bool:
+    """Whether a file is a prior of a camera, and not something of the user's that has its name."""
+    try:
+        return bool(prior_settings(path))
+    except CirclecalError:
+        return False
+
+
 def read_cameras(path: Path) -> dict[str, str]:
     """Names of cameras by frame from a CSV file with the columns ``id`` and ``camera``.
 
@@ -286,6 +304,10 @@ def read_cameras(path: Path) -> dict[str, str]:
             raise InputError(f"{path}, line {number}: needs the columns id and camera, both filled")
         if not re.fullmatch(r"[\w.-]+", camera) or camera.startswith("."):
             raise InputError(f"{path}, line {number}: camera {camera!r} is no name; use letters, digits, . _ and -")
+        if f"{camera}.yaml".casefold() == VENUE_NAME:
+            raise InputError(
+                f"{path}, line {number}: camera {camera!r} is the name of {VENUE_NAME}; choose another one"
+            )
         if found.get(frame, camera) != camera:
             raise InputError(f"{path}, line {number}: {frame} is of {camera} here, and of {found[frame]} before")
         found[frame] = camera

@@ -25,6 +25,7 @@ from circlecal.formats.meaning import observe
 from circlecal.formats.registry import annotation_formats, read_annotations, require_format
 from circlecal.formats.shapes import AnnotatedFrame
 from circlecal.geometry.projective import Array
+from circlecal.names import as_stem
 from circlecal.pipeline import field_of
 from circlecal.workbench.answers import Answer, answer, describe
 from circlecal.workbench.frames import ListedFrame, picture_of, tell_pixels
@@ -315,7 +316,7 @@ class Session:
         InputError
             The file is none of the known formats, or nothing of the frames that are known here can be used.
         """
-        path = self.store.folder / "imported" / Path(name.replace("\\", "/")).name
+        path = self.store.folder / "imported" / as_stem(Path(name.replace("\\", "/")).name)
         write_atomic(path, content)
         stems = [(frame.file.path.stem, k) for k, frame in enumerate(self.frames) if frame.file.time_s is None]
         shared = {stem for stem, count in Counter(stem for stem, _ in stems).items() if count > 1}

@@ -128,7 +128,7 @@ def test_a_table_of_points_over_a_run(run_circlecal, result_file, blank_file, tm
     ]  # fmt: skip
     monkeypatch.setattr("sys.stdin", iter(rows.splitlines(keepends=True)))
     table = run_circlecal("project", tmp_path, "--points", "-", "--to", "field").out.splitlines()
-    assert table[0] == "frame,x_px,y_px,x_m,y_m,sigma_m,note"
+    assert table[0] == "frame,x,y,x_m,y_m,sigma_m,note"
     assert table[2].endswith("outside the field") and len(table) == 6
     (tmp_path / "points.csv").write_text("frame,x,y\ngood,,\ngood,480,270\n'=good,1,2\n")
     outcome = run_circlecal("project", tmp_path, "--points", tmp_path / "points.csv", "--to", "field", "--json")
@@ -150,4 +150,42 @@ def test_a_table_of_points_over_a_run(run_circlecal, result_file, blank_file, tm
         assert wrong.code == 2 and told in wrong.err
     (tmp_path / "points.csv").write_text(f"frame,x,y\ngood,1,2\n{'g' * 200_000},1,2\n")
     endless = run_circlecal("project", tmp_path, "--points", tmp_path / "points.csv", "--to", "field")
-    assert endless.code == 2 and "points.csv, line 2: is no CSV table: field larger" in endless.err
+    assert endless.code == 2 and "points.csv, line 3: is no CSV table: field larger" in endless.err
+
+
+def test_the_rows_of_a_table_come_out_as_they_are(run_circlecal, result_file, tmp_path):
+    points = tmp_path / "points.csv"
+    points.write_text('player,frame,x,y,team\n7,good,480.123456789,270.0,"A, B"\n007,good,,\n8,\'=good,+1,2e2,=1+1\n')
+    command = "project", result_file, "--points", points, "--to", "field"
+    head, *rows = run_circlecal(*command).out.splitlines()
+    assert head == "player,frame,x,y,team,x_m,y_m,sigma_m,note"
+    assert rows[0].startswith('7,good,480.123456789,270.0,"A, B",') and rows[0].count(",") == 9
+    assert rows[1:] == ["007,good,,,,,,,no point given", "8,'=good,+1,2e2,=1+1,,,,no such frame"]
+    first, *_ = (json.loads(line) for line in run_circlecal(*command, "--json").out.splitlines())
+    assert list(first) == ["player", "frame", "team", "x_px", "y_px", "x_m", "y_m", "sigma_m", "note"]
+    assert (first["player"], first["team"], first["x_px"]) == ("7", "A, B", 480.123456789)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("frame,x,y,note\ngood,1,2,a\n", "points.csv, line 1: has a column 'note', which is written here; rename it"),
+        ("frame,x,y\ngood,1,2,3\n", "points.csv, line 2: has 4 cells for 3 columns; quote cells that hold a comma"),
+    ],
+)
+def test_a_table_to_whose_rows_nothing_can_be_added(run_circlecal, result_file, tmp_path, text, told):
+    (tmp_path / "points.csv").write_text(text)
+    outcome = run_circlecal("project", result_file, "--points", tmp_path / "points.csv", "--to", "field")
+    assert (outcome.code, outcome.out) == (2, "") and told in outcome.err
+
+
+def test_a_calibrated_record_without_its_picture_size_says_which_key_is_missing(run_circlecal, result_file, tmp_path):
+    record = json.loads(result_file.read_text())
+    del record["image"]
+    path, points = tmp_path / "bare.json", tmp_path / "points.csv"
+    path.write_text(json.dumps(record))
+    points.write_text("frame,x,y\ngood,1,2\n")
+    outcome = run_circlecal("project", path, "--to", "field", 1, 2)
+    assert (outcome.code, outcome.err.count("\n")) == (2, 1)
+    assert "good is calibrated, but the key image is missing; calibrate the frame again" in outcome.err
+    assert "the key image is missing" in run_circlecal("project", path, "--points", points, "--to", "field").out

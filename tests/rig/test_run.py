@@ -195,6 +195,12 @@ def test_given_cameras(run_circlecal, results, tmp_path):
     assert found["2"].rig.camera == "stand"
     assert found["3"].rig.camera is None
     assert found["arc"].status == "refused"
+    # the file of a camera that a new run does not know goes, and what is no prior stays
+    assert (tmp_path / "out" / "stand.yaml").is_file()
+    (tmp_path / "out" / "mine.yaml").write_text("seed: 1\n")
+    named.write_text("id,camera\n0,roof\n1,roof\n2,roof\n")
+    run_circlecal("rig", results, "--out", tmp_path / "out", "--cameras", named, "--restart", *SETTINGS)
+    assert sorted(path.name for path in (tmp_path / "out").glob("*.yaml")) == ["mine.yaml", "roof.yaml", "venue.yaml"]
     named.write_text("id,camera\n0,stand\nmoon,stand\nsun,stand\n")
     outcome = run_circlecal("rig", results, "--out", tmp_path / "other", "--cameras", named, *SETTINGS)
     assert outcome.code == 2
@@ -206,6 +212,7 @@ def test_given_cameras(run_circlecal, results, tmp_path):
     [
         ("id,camera\n1,a/b\n", "line 2: camera 'a/b' is no name"),
         ("id,camera\n1,a\n2,.b\n", "line 3: camera '.b' is no name"),
+        ("id,camera\n1,a\n2,Venue\n", "line 3: camera 'Venue' is the name of venue.yaml; choose another"),
         ("id,camera\n1,a\n1,b\n", "line 3: 1 is of b here, and of a before"),
         ("id,camera\n1,a\n2\n", "line 3: needs the columns id and camera, both filled"),
         ("id,camera\n1,a\n,a\n", "line 3: needs the columns id and camera, both filled"),

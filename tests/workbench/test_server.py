@@ -181,6 +181,14 @@ def test_a_file_without_a_size_is_read_in_that_of_its_frame(client, out):
     assert imported.points_px == [[0.0, 269.5], [959.0, 134.75]]
 
 
+@pytest.mark.parametrize("name", ["", "..", "a/", "%00"])
+def test_a_file_without_a_name_does_not_hinder_later_ones(client, out, name):
+    line = {"Side line top": [{"x": 0.0, "y": 0.5}, {"x": 1.0, "y": 0.25}]}
+    assert client.ask(f"import?name={name}", "POST", line)[0] in (200, 400)
+    assert client.json("import?name=keys.json", "POST", line)["taken"] == 1
+    assert (out / "imported").is_dir()
+
+
 def test_a_picture_whose_name_is_no_text_is_annotated_like_any_other(serve, folder, run_circlecal, tmp_path):
     name, out = os.fsdecode(b"caf\xe9"), tmp_path / "out"
     picture = tmp_path / f"{name}.png"
