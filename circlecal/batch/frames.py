@@ -93,6 +93,39 @@ def calibrate_frame(
     return picture, found
 
 
+def examine_frame(
+    frame: PictureFile,
+    config: Config,
+    mask: Path | None = None,
+    keypoints: Path | None = None,
+    annotations: Path | None = None,
+) -> tuple[NDArray[np.uint8], FrameCalibration]:
+    """Picture and calibration of a frame with what each stage found: where a person annotated it, the answer is that of
+    the annotation, on its field, beside the mask, the edges and the rays of the picture.
+
+    Parameters
+    ----------
+    frame, config, mask, keypoints
+        As for :func:`calibrate_frame`.
+    annotations : path, optional
+        Folder of annotations of the workbench.
+
+    Raises
+    ------
+    InputError
+        The picture, its mask, its keypoints or its annotation are unusable.
+    """
+    stored = find_annotation(annotations, frame.id, frame.path)
+    if stored is None:
+        return calibrate_frame(frame, config, mask, keypoints)
+    suited = suit_annotation(config, stored.annotation)
+    picture, found = calibrate_frame(frame, config, mask, keypoints)
+    annotation = stored.annotation.resize(picture.shape[1], picture.shape[0])
+    seen, by_hand = found.attempt, calibrate_annotation(annotation, suited).attempt
+    attempt = replace(by_hand, mask=seen.mask, edges=seen.edges, rays=seen.rays)
+    return picture, replace(found, attempt=attempt, template=field_of(suited)[0])
+
+
 def _picture(frame: PictureFile, limits: LimitsConfig) -> NDArray[np.uint8]:
     if frame.picture is not None:
         return frame.picture

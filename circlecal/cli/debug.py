@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -30,12 +29,11 @@ def debug(
     verbose: options.Verbose = False,
 ) -> None:
     """Write one numbered picture per stage and a contact sheet of them all, for a refused picture too."""
-    from circlecal.api.calls import calibrate_annotation, suit_annotation
-    from circlecal.batch.frames import calibrate_frame, write_stage_pictures
+    from circlecal.batch.frames import examine_frame, write_stage_pictures
     from circlecal.cli import console
     from circlecal.errors import InputError
     from circlecal.files import is_folder, prepare_folder
-    from circlecal.formats.annotation import ANNOTATION_FOLDER, find_annotation
+    from circlecal.formats.annotation import ANNOTATION_FOLDER
     from circlecal.pictures.inputs import expand_inputs
     from circlecal.pipeline import field_of
     from circlecal.records.json_text import write_result
@@ -67,19 +65,10 @@ def debug(
     summaries, written = [], []
     for frame in frames:
         try:
-            stored = find_annotation(annotations or out / ANNOTATION_FOLDER, frame.id, frame.path)
-            suited = chosen if stored is None else suit_annotation(chosen, stored.annotation)
-            picture, calibration = calibrate_frame(frame, chosen, mask, keypoints)
-            annotation = None if stored is None else stored.annotation.resize(picture.shape[1], picture.shape[0])
+            picture, calibration = examine_frame(frame, chosen, mask, keypoints, annotations or out / ANNOTATION_FOLDER)
         except InputError as error:
             report(error)
             continue
-        if annotation is not None:
-            by_hand = calibrate_annotation(annotation, suited).attempt
-            looked_at = replace(
-                by_hand, mask=calibration.attempt.mask, edges=calibration.attempt.edges, rays=calibration.attempt.rays
-            )
-            calibration = replace(calibration, attempt=looked_at, template=field_of(suited)[0])
         shown = calibration.template or template
         record = result_record(calibration, shown)
         write_result(out / frame.id / "result.json", record)

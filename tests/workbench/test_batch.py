@@ -7,12 +7,13 @@ import cv2
 import numpy as np
 import pytest
 
+from circlecal.batch.frames import examine_frame
 from circlecal.config import Config
 from circlecal.field import load_field
 from circlecal.formats.annotation import annotation_bytes, parse_annotation
 from circlecal.formats.registry import read_annotations
 from circlecal.geometry.camera import Camera, image_center
-from circlecal.pictures.files import PictureFile
+from circlecal.pictures.files import PictureFile, find_frames
 from circlecal.workbench.interpretations import name_marking
 from circlecal.workbench.measuring import begin_annotation
 from circlecal.workbench.store import AnnotationStore, NewerError
@@ -85,6 +86,18 @@ def test_an_annotation_beside_its_picture_is_taken(pictures, named, run_circleca
     assert json.loads(outcome.out)["annotation"]
     assert "is not used" not in outcome.err
     assert run_circlecal("debug", pictures / "open.png", "--out", tmp_path / "debug", "-q").code == 0
+
+
+def test_stages_of_an_annotated_frame_are_those_of_its_picture_and_its_answer_is_the_persons(pictures, named, tmp_path):
+    (frame,) = find_frames([pictures / "open.png"])
+    _, alone = examine_frame(frame, Config())
+    (pictures / "open.json").write_bytes(annotation_bytes(named))
+    picture, told = examine_frame(frame, Config(), annotations=tmp_path)
+    assert picture.shape[:2] == (named.height, named.width)
+    assert (alone.status, told.status) == ("refused", "calibrated")
+    ends = [[line.start.tolist() for line in found.attempt.mask.lines] for found in (told, alone)]
+    assert ends[0] == ends[1] != []
+    assert told.template == load_field("soccer")
 
 
 def test_an_annotation_is_scaled_to_its_picture_and_one_of_another_aspect_is_refused(
