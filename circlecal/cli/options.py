@@ -153,7 +153,7 @@ ConfigFile = Annotated[
         "--config",
         "-c",
         metavar="FILE|NAME",
-        help="YAML file, or a name such as broadcast. (default: default)",
+        help="YAML file, or a name such as broadcast; over the options of the field's sport.",
         autocompletion=complete_config,
     ),
 ]
