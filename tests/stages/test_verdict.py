@@ -210,7 +210,7 @@ def test_a_field_far_beyond_the_rules_is_none(width_m, sd_m, status):
 
 
 @pytest.mark.parametrize(
-    ("share", "away_px", "status"), [(0.09, 25.0, "refused"), (0.03, 90.0, "calibrated"), (0.4, 15.0, "calibrated")]
+    ("share", "away_px", "status"), [(0.09, 25.0, "refused"), (0.019, 90.0, "calibrated"), (0.4, 15.0, "calibrated")]
 )
 def test_what_speaks_for_another_size_and_quite_another_camera_is_uncertain(share, away_px, status):
     found = verdict(camera_fit(other_size=OtherSize(share, away_px * CAMERA.width / 1920.0)))
