@@ -8,7 +8,7 @@ const by = (id) => document.getElementById(id);
 const make = (tag, properties, ...inside) => { const node = Object.assign(document.createElement(tag), properties); node.append(...inside); return node; };
 const words = (name) => name.replaceAll("_", " ");
 const SETTLE_MS = 350, MOST_LINES = 12;
-const PRIORS = [["field.sizes.length", "field length, m", 105], ["field.sizes.width", "field width, m", 68], ["camera.crown_m", "crown at the circle, m", 0.05], ["camera.k1_mean", "lens, kappa", 0.03]];
+const PRIORS = [["field.sizes.length", "field length, m", 105], ["field.sizes.width", "field width, m", 68], ["camera.crown_m", "crown at the circle, m", 0.05], ["camera.k1_mean", "lens, kappa", "for its zoom"]];
 
 let field = null, map = null, list = null, index = -1, annotation = null, answer = null;
 let chosen = -1, active = null, offers = [], preview = null, unsaved = false, saving = null, settling = 0, typing = 0, opening = 0, searches = 0;
