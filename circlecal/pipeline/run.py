@@ -25,8 +25,8 @@ from circlecal.pipeline.setting import Looks, Scene, Setting, frame_generator, p
 from circlecal.results import Attempt, FrameCalibration, Verdict
 
 ARC_ALONE = (
-    "part of a circle is seen and no line through its middle: nothing else tells how it is turned, or whether it is a "
-    "penalty arc"
+    "part of a circle is seen and no line through its middle: what else is seen does not tell well enough how it is "
+    "turned, or whether it is a penalty arc"
 )
 """Why arcs are not enough."""
 OTHER_INTERPRETATIONS = (PLACED_FIELD, OTHER_CIRCLES, ARCS, FIELD_LINES, DISCS)
