@@ -217,16 +217,14 @@ def load_config(
         One line with the file or the override, the full key and the mend.
     """
     content, source = _read_content(file)
-    chosen, _ = _apply_overrides(content, overrides)
-    suited = _name_suited_config(chosen.get("field"))
-    is_complete = isinstance(file, Config) and _is_of_field(file, chosen)
-    if suited is not None and not is_complete:
-        path = _find_config(suited)
-        content = _lay_over(_read_mapping(path), content, Config)
-        source = str(path) if file is None else source
-    elif isinstance(file, Config):
-        content = file.model_dump(mode="json")
     chosen, origins = _apply_overrides(content, overrides)
+    suited = _name_suited_config(chosen.get("field"))
+    if isinstance(file, Config) and (suited is None or _is_of_field(file, chosen)):
+        chosen, origins = _apply_overrides(file.model_dump(mode="json"), overrides)
+    elif suited not in (None, file):
+        path = _find_config(suited)
+        source = str(path) if file is None else source
+        chosen, origins = _apply_overrides(_lay_over(_read_mapping(path), content, Config), overrides)
     return _validate(chosen, source, origins)
 
 

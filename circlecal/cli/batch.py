@@ -210,7 +210,9 @@ def _calibrate(
     from circlecal.batch import run_batch
     from circlecal.batch.frames import label_masks
     from circlecal.cli import console
+    from circlecal.records.log import RESULTS_NAME
 
+    is_taken_up = not restart and (out / RESULTS_NAME).is_file()
     moments = (frame for video in work.videos for frame in video.frames(work.sampling, console.print_note))
     with console.resumable(restart=restart), console.progress_display(quiet=quiet) as show:
         return run_batch(
@@ -222,7 +224,7 @@ def _calibrate(
             total=len(work.frames) + sum(video.estimate_count(work.sampling) for video in work.videos),
             restart=restart,
             annotations=_digest_annotations(work, run.annotations, out),
-            masks=label_masks(work.frames) if run.mask is None else None,
+            masks=label_masks(work.frames) if is_taken_up and run.mask is None else None,
             on_progress=show,
         )
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.config import Config, suit_config
-from circlecal.field import Ground, load_field
+from circlecal.field import FieldTemplate, Ground, load_field
 from circlecal.observations import Observations
 from circlecal.paint.brightness import brightness_of_paint
 from circlecal.pipeline.attempts import refuse_as_open
@@ -113,7 +113,7 @@ def calibrate_unknown_field(
     grounds = tell_grounds(image)
     brightness = brightness_of_paint(image, config.mask.paint_bgr, config.mask.other_paint_bgr)
     scene = Scene(image, brightness, None, None, None, looks)
-    is_at_home = load_field(names[0]).ground in (*grounds, "any")
+    is_at_home = _may_lie_on(load_field(names[0]), grounds)
     first = calibrate(names[0], is_brief=not is_at_home)
     if _is_settled(first, grounds) and not is_compared:
         return replace(first, fields=(candidate_of(first),))
@@ -145,15 +145,16 @@ def _try_others(
         if grounds[0] == "ice" and _is_rink(answers, scene, config):
             break
         for name in group:
-            sport = load_field(name).sport_name
+            template = load_field(name)
+            sport = template.sport_name
             if any(answer.is_settled and answer.candidate.sport != sport for answer in answers):
                 continue
             leagues = [answer.found for answer in answers if answer.candidate.sport == sport]
-            if not may_be_league(scene, config, leagues, load_field(name)):
+            if not may_be_league(scene, config, leagues, template):
                 continue
             is_brief = suit_config(config, name).field.any_circle if leagues else _is_seen(answers[1:])
             answer = _weigh(scene, config, calibrate(name, is_brief=is_brief))
-            is_doubtful = grounds[0] == "ice" and load_field(name).ground != "ice"
+            is_doubtful = grounds[0] == "ice" and template.ground != "ice"
             answers.append(replace(answer, least_explained=EXPLAINED_ON_ICE) if is_doubtful else answer)
         if any(answer.weight > 0.0 for answer in answers[1:]):
             break
@@ -188,7 +189,11 @@ def _leave_logos(config: Config, name: str) -> Config:
 
 def is_on_strange_ground(image: NDArray[np.uint8], config: Config) -> bool:
     """Whether the colour of the ground in a BGR picture (H, W, 3) is not that of the field of a configuration."""
-    return field_of(config)[0].ground not in (*tell_grounds(image), "any")
+    return not _may_lie_on(field_of(config)[0], tell_grounds(image))
+
+
+def _may_lie_on(template: FieldTemplate, grounds: Sequence[Ground]) -> bool:
+    return template.ground in (*grounds, "any")
 
 
 def _group_by_ground(names: Sequence[str], grounds: Sequence[Ground]) -> list[list[str]]:
@@ -202,17 +207,13 @@ def _group_by_ground(names: Sequence[str], grounds: Sequence[Ground]) -> list[li
     return list(groups.values())
 
 
-def _is_on_its_ground(found: FrameCalibration, grounds: Sequence[Ground]) -> bool:
-    return found.template is not None and found.template.ground in (*grounds, "any")
-
-
 def _is_settled(found: FrameCalibration, grounds: Sequence[Ground]) -> bool:
     """Whether a first answer needs no other template beside it: on its own ground it is not doubtful, on another one
     several further markings carry it.
     """
     if found.status != "calibrated" or found.template is None or needs_confirmation(found.verdict):
         return False
-    if _is_on_its_ground(found, grounds):
+    if _may_lie_on(found.template, grounds):
         return True
     camera, cues = found.attempt.camera, found.attempt.cues
     return camera is not None and cues is not None and is_beyond_doubt(camera, cues, found.template)

@@ -113,7 +113,8 @@ def _lay_over_camera(
     paint = look_for_paint(scene, mask, suit_config(config, found.field_name), tried)
     if circle is None or paint is None:
         return []
-    return lay_over_attempt(found.attempt, tried, circle, paint, (template,)) or []
+    key = ("laid over", found.field_name, template.name)
+    return scene.looks.once(key, lambda: lay_over_attempt(found.attempt, tried, circle, paint, (template,)) or [])
 
 
 def _lay_best(rough: RoughPlacements, paint: SeenPaint, size: tuple[int, int], template: FieldTemplate) -> ViewEvidence:

@@ -303,6 +303,11 @@ class CameraFit(ShortRepr):
     missed_ends_px: dict[MarkingKey, float] = field(default_factory=dict)
 
     @property
+    def all_residuals_px(self) -> dict[MarkingKey, float]:
+        """Root mean square residual of everything that was not rejected, missed ends too, pixels."""
+        return self.residuals_px | self.missed_ends_px
+
+    @property
     def left_out(self) -> tuple[MarkingKey, ...]:
         """Observations that have no part in the answer."""
         return (*self.rejected, *self.missed_ends_px)

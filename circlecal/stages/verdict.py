@@ -319,16 +319,15 @@ def _landmark_checks(camera: CameraFit, unit: float, config: VerdictConfig) -> l
     if camera.residuals_px:
         _, rms, limit = _worst_marking(camera, unit, config)
         checks.append(Check.of("marking_residual_px", rms, limit))
-    known = len(camera.residuals_px) + len(camera.missed_ends_px)
-    share = len(camera.rejected) / max(len(camera.rejected) + known, 1)
+    share = len(camera.rejected) / max(len(camera.rejected) + len(camera.all_residuals_px), 1)
     return [*checks, Check.of("rejected_share", share, config.max_rejected_share)]
 
 
 def _worst_marking(camera: CameraFit, unit: float, config: VerdictConfig) -> tuple[MarkingKey, float, float]:
     """Key, rms residual and limit of the line, arc or point that leaves most of what it is allowed."""
     least = config.max_line_residual_px * unit
-    seen = {**camera.residuals_px, **camera.missed_ends_px}
-    markings = ((key, rms, max(least, _largest_residual_px(camera, key))) for key, rms in seen.items())
+    seen = camera.all_residuals_px.items()
+    markings = ((key, rms, max(least, _largest_residual_px(camera, key))) for key, rms in seen)
     return max(markings, key=lambda marking: marking[1] / marking[2])
 
 
@@ -392,8 +391,7 @@ def _residual_checks(
         for key in _keys_of_ends(camera, cues, circle):
             painted = NOISE_SIGMAS * camera.painted_sigma_px.get(key, 0.0)
             limit = max(config.max_line_residual_px * unit, painted)
-            off_px = camera.missed_ends_px.get(key, camera.residuals_px.get(key, 0.0))
-            checks.append(Check.of("end_residual_px", off_px, limit))
+            checks.append(Check.of("end_residual_px", camera.all_residuals_px[key], limit))
     if cues.mark is not None and MarkingKey(cues.mark.name) not in camera.rejected:
         seen = camera.residuals_px.get(MarkingKey(cues.mark.name), 0.0)
         stated = NOISE_SIGMAS * camera.stated_sigma_px.get(MarkingKey(cues.mark.name), 0.0)
@@ -414,8 +412,7 @@ def _keys_of_ends(camera: CameraFit, cues: Cues, circle: Circle) -> list[Marking
     marks = () if cues.mark is None else (cues.mark.name,)
     known = {*own, *marks, circle.name, *camera.named_lines, *(line.name for line in cues.lines)}
     ends = cues.halfway is not None and cues.halfway.ends
-    seen = (*camera.residuals_px, *camera.missed_ends_px)
-    return [key for key in seen if key.name not in known] if ends else []
+    return [key for key in camera.all_residuals_px if key.name not in known] if ends else []
 
 
 def _edge_checks(
