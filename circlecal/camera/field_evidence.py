@@ -19,7 +19,7 @@ from circlecal.camera.covariance import posterior_covariance
 from circlecal.camera.problem import Problem, State
 from circlecal.camera.world import BREADTH, LENGTH, SIZES_AND_CROWN, World
 from circlecal.field import FieldTemplate
-from circlecal.geometry.camera_parameters import INDEX, active_parameters, project
+from circlecal.geometry.camera_parameters import INDEX, KAPPA_1, active_parameters, project
 from circlecal.geometry.projective import Array
 from circlecal.observations import MarkingKey
 
@@ -55,7 +55,7 @@ def log_evidence(world: World, problem: Problem, state: State, template: FieldTe
     """
     active = active_parameters(problem.priors.sd)
     block = state.normal[0][active[:, None], active]
-    sd = problem.priors.sd[SIZES_AND_CROWN]
+    sd = problem.priors.sd[[*SIZES_AND_CROWN, KAPPA_1]]
     proper = (sd > 0) & np.isfinite(sd)
     volume = half_log_determinant(block) + np.log(sd[proper]).sum()
     upright_px = problem.points.upright_px

@@ -81,6 +81,13 @@ class CameraConfig(BaseModel):
         ge=0,
         description="Prior standard deviation of it; larger where nothing is known of the lens, 0 fixes it.",
     )
+    other_lens_share: float = Field(
+        0.05,
+        ge=0,
+        lt=1,
+        description="Share of frames whose lens has any distortion, four times as far from the usual one: it is "
+        "thought of where what is seen pulls the distortion away from k1_mean by more than k1_sd.",
+    )
     k2_mean: float = Field(0.0, description="Prior mean of the second radial coefficient, half-widths.")
     k2_sd: float = Field(0.0, ge=0, description="Prior standard deviation of it; 0 fixes it.")
     aspect: float = Field(

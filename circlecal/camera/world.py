@@ -10,7 +10,7 @@ import numpy as np
 from circlecal.camera.priors import Priors
 from circlecal.camera.problem import Problem, State, with_priors, with_upright
 from circlecal.field import FieldTemplate
-from circlecal.geometry.camera_parameters import INDEX
+from circlecal.geometry.camera_parameters import INDEX, KAPPA_1
 
 SIZES_AND_CROWN = LENGTH, BREADTH, CROWN = [INDEX[name] for name in ("length", "breadth", "crown")]
 CURVED_SHARE = 0.25
@@ -24,6 +24,9 @@ FLAT_RELIEF_SHARE = 1.0 / 3.0
 artificial turf is laid to a centimetre all over.
 """
 
+LENS_WIDER = 4.0
+"""How many times as far from the usual one the radial distortion of any lens may be: action cameras, cinema lenses."""
+
 Size = Literal["usual", "other_length", "any"]
 """Of a field: that of the template, its width with any length that the rules allow, or any that they allow."""
 
@@ -35,14 +38,16 @@ def are_usual(size: Size) -> tuple[bool, bool]:
 
 @dataclass(frozen=True, slots=True)
 class World:
-    """What one hypothesis says of the field, and the share of fields that are like that: its size, flat or crowned, and
-    where it is crowned, with a curved profile or with that of the problem.
+    """What one hypothesis says of the field, and the share of frames that are like that: its size, flat or crowned, and
+    where it is crowned, with a curved profile or with that of the problem; and whether any lens looks at it, or one
+    whose radial distortion is about the usual one.
     """
 
     size: Size
     is_flat: bool
     share: float
     is_curved: bool = False
+    is_any_lens: bool = False
 
     @property
     def is_usual_size(self) -> bool:
@@ -50,7 +55,7 @@ class World:
         return self.size == "usual"
 
     def priors(self, current: Priors, usual: Priors, template: FieldTemplate) -> Priors:
-        """Priors with sizes and crown as in this world, and all else as they are.
+        """Priors with sizes and crown as in this world, with its lens where that is any, and all else as they are.
 
         Parameters
         ----------
@@ -74,6 +79,8 @@ class World:
             # a parabola falls as far as a roof does where the field ends
             share = template.circle_by_name[template.default_circle].radius_m / (0.5 * template.width_m)
             mean[CROWN], sd[CROWN] = share * mean[CROWN], share * sd[CROWN]
+        if self.is_any_lens:
+            sd[KAPPA_1] = LENS_WIDER * usual.sd[KAPPA_1]
         return replace(current, mean=mean, sd=sd)
 
     def enter(self, problem: Problem, state: State, usual: Priors, template: FieldTemplate) -> tuple[Problem, State]:
@@ -84,6 +91,10 @@ class World:
             return problem, state
         relief_px = FLAT_RELIEF_SHARE * np.sqrt(points.upright_px**2 - points.sigma_px**2)
         return with_upright(problem, state, np.hypot(points.sigma_px, relief_px))
+
+    def with_any_lens(self, share: float) -> World:
+        """This world before any lens, which a share of all frames have."""
+        return replace(self, share=self.share * share, is_any_lens=True)
 
     def curve(self) -> World:
         """This crowned world with a curved profile."""

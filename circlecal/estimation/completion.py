@@ -25,6 +25,7 @@ from circlecal.camera.problem import (
 )
 from circlecal.camera.residuals import CurvePoints, ground_feet, join_curves
 from circlecal.camera.spike_and_slab import depends_on_size
+from circlecal.camera.world import LENS_WIDER
 from circlecal.estimation.task import DENSE_POINTS, Fit, Task, is_dense
 from circlecal.geometry.camera_parameters import INDEX
 from circlecal.geometry.least_squares import StoppingRule
@@ -42,11 +43,11 @@ a player's head before the letters of a board, which look like a line on both si
 and without that one three markings get a name instead of one.
 """
 
-LENS_DOUBT, LENS_WIDER, LENS_EVIDENCE = 1.5, 4.0, 13.0
-"""A radial distortion that lies so many standard deviations from what is usual is fitted with a prior so many times as
-wide, and believed where that explains the frame so much better (chi-square). Five real frames of one pan are explained
-better by 7 to 12.5 with a barrel of -0.015 to -0.032, where all frames of the clip show 0.005: the ground is uneven.
-Rendered lenses that are unusual by more than two standard deviations explain 34 to 44.
+LENS_DOUBT, LENS_EVIDENCE = 1.5, 13.0
+"""A radial distortion that lies so many standard deviations from what is usual is fitted with a prior as wide as that
+of any lens, and believed where that explains the frame so much better (chi-square). Five real frames of one pan are
+explained better by 7 to 12.5 with a barrel of -0.015 to -0.032, where all frames of the clip show 0.005: the ground is
+uneven. Rendered lenses that are unusual by more than two standard deviations explain 34 to 44.
 """
 
 LENS_MARGIN = 1.0

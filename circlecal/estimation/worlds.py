@@ -27,14 +27,25 @@ from circlecal.camera.spike_and_slab import (
 )
 from circlecal.camera.valley import explore_valley
 from circlecal.camera.world import CURVED_SHARE, World
-from circlecal.estimation.completion import close_sigma_px, recognise, shows_size_closely, take_in
-from circlecal.estimation.task import Fit, Task
+from circlecal.estimation.completion import (
+    close_sigma_px,
+    recognise,
+    shows_size_closely,
+    strongest_barrel,
+    take_in,
+)
+from circlecal.estimation.task import Fit, Task, is_dense
 from circlecal.field import FieldTemplate
-from circlecal.geometry.camera_parameters import INDEX, level_points
+from circlecal.geometry.camera_parameters import INDEX, KAPPA_1, LOG_FOCAL, level_points
 from circlecal.geometry.least_squares import StoppingRule
 from circlecal.geometry.medians import median_of_rows
 from circlecal.geometry.projective import Array
 from circlecal.line_naming.hypotheses import find_nameless_lines
+
+LENS_STRAIN = 1.0
+"""By how many standard deviations of the usual lens a likely answer has another one where worlds with any lens are
+asked too.
+"""
 
 DOUBTED_SHARE = 0.1
 """Posterior probability of another size from which on the lines are named anew for such a field: below it the second
@@ -118,6 +129,9 @@ def choose_world(task: Task, stated: CurvePoints, first: Fit, usual: tuple[Task,
     others = question.name_anew(found)
     if others:
         found = question.compare(_with_reported_noise, [(case, worlds) for case in (*alike, *others)])
+    if question.strains_lens(found):
+        worlds = (*worlds, *(world.with_any_lens(config.other_lens_share) for world in worlds))
+        found = question.compare(_with_reported_noise, [(case, worlds) for case in (*alike, *(others or ()))])
     if question.any_size is not None and _may_hide_misfit(usual, [a for a, _ in found]):
         resized = _resize(alike, found, question.any_size)
         told = question.compare(_with_noise_of_misfit, _by_size([*alike, *(others or ())], worlds, resized))
@@ -154,7 +168,18 @@ class _Question:
         """The answers to what is asked of each naming of the lines, on roofs and parabolas where both are possible."""
         common = self.first.problem.priors, self.task.template, len(self.stated.keys)
         found = _compare_worlds(asked, noise, *common)
-        return [*found, *_on_parabola(found, *common)] if self.task.config.crown_shape == "auto" else found
+        if self.task.config.crown_shape == "auto":
+            found = [*found, *_on_parabola(found, *common)]
+        return [pair for pair in found if not _is_beyond_fisheye(pair[0])]
+
+    def strains_lens(self, found: list[tuple[Answer, _Case]]) -> bool:
+        """Whether a likely answer has another lens than the usual one. Clicked points are too few to tell."""
+        usual_sd, share = self.first.problem.priors.sd[KAPPA_1], self.task.config.other_lens_share
+        if not (0.0 < usual_sd < np.inf and share > 0.0 and is_dense(self.first.problem.curves)):
+            return False
+        least = max(answer.evidence for answer, _ in found) - OUT_OF_THE_QUESTION
+        likely = [answer for answer, _ in found if answer.evidence >= least]
+        return any(abs(_distortion_off(answer)) > LENS_STRAIN * usual_sd for answer in likely)
 
     def name_anew(self, found: list[tuple[Answer, _Case]]) -> list[_Case] | None:
         """The lines that a field of any size has, nothing where they are those of the usual one; None where the answers
@@ -180,6 +205,18 @@ def _name_on_any_size(task: Task, stated: CurvePoints, first: Fit, usual: _Case,
     if names == usual[0].names or not depends_on_size(curves):
         return None
     return take_in(task, stated, start, more)
+
+
+def _is_beyond_fisheye(answer: Answer) -> bool:
+    """Whether an answer before any lens has one that bends lines more than a fisheye of its focal length."""
+    theta = answer.state.theta[0]
+    return answer.world.is_any_lens and theta[KAPPA_1] <= strongest_barrel(theta, answer.problem.model.width)
+
+
+def _distortion_off(answer: Answer) -> float:
+    """By how much the radial distortion of an answer is more than usual, half-widths."""
+    theta, priors = answer.state.theta[0], answer.problem.priors
+    return float(theta[KAPPA_1]) - priors.usual_kappa(theta[LOG_FOCAL])
 
 
 def _reach(answer: Answer, rule: StoppingRule) -> Answer:

@@ -75,8 +75,11 @@ def has_leagues(template: FieldTemplate) -> bool:
     """Whether the rules of the template's sport fix the sizes of its fields, so that other sizes are other fields: a
     pitch of soccer has any within a range, and its camera estimates them.
     """
-    sport = [other for other in map(load_field, field_names()) if other.sport == template.sport]
-    return all(field.length_range_m is None for field in (template, *sport))
+    if template.length_range_m is not None:
+        return False  # before any other template is read
+    return all(
+        other.length_range_m is None for other in map(load_field, field_names()) if other.sport == template.sport
+    )
 
 
 def _refuse(attempt: Attempt, reason: str) -> Attempt:

@@ -19,7 +19,12 @@ from tests.camera.test_problem import observed, plain_theta, priors, problem_of
 WORLDS = tuple(World(size, is_flat, 1 / 6) for is_flat in (False, True) for size in ("usual", "other_length", "any"))
 
 CONFIG = SimpleNamespace(
-    crown_shape="roof", usual_size_share=0.9, other_length_share=0.5, flat_share=0.5, name_lines=True
+    crown_shape="roof",
+    usual_size_share=0.9,
+    other_length_share=0.5,
+    flat_share=0.5,
+    name_lines=True,
+    other_lens_share=0.0,
 )
 
 

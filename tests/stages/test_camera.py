@@ -152,7 +152,8 @@ def test_no_lens_is_believed_that_bends_lines_more_than_a_fisheye(monkeypatch):
     guarded = estimate_camera(given, SOCCER, CIRCLE, CameraConfig(crown_m=0.0))
     fisheye = strongest_barrel(guarded.theta, MAIN.width)
     assert fisheye == pytest.approx(-1.0 / (3.0 * (2.0 * guarded.camera.focal_px[0] / MAIN.width) ** 2))
-    monkeypatch.setattr("circlecal.estimation.completion.strongest_barrel", lambda *_: -np.inf)
+    for module in ("completion", "worlds"):
+        monkeypatch.setattr(f"circlecal.estimation.{module}.strongest_barrel", lambda *_: -np.inf)
     believed = estimate_camera(given, SOCCER, CIRCLE, CameraConfig(crown_m=0.0))
     assert believed.camera.kappa[0] < fisheye
     assert guarded.camera.kappa[0] > believed.camera.kappa[0] + 0.01

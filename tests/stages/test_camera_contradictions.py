@@ -197,7 +197,7 @@ def test_nothing_is_named_where_the_camera_is_too_vague():
     assert fit.max_sigma_px > 30.0
 
 
-@pytest.mark.parametrize(("kappa", "sigma", "is_held"), [(-0.02, 2.0, True), (-0.04, 1.0, False)])
+@pytest.mark.parametrize(("kappa", "sigma", "is_held"), [(-0.02, 4.0, True), (-0.02, 2.0, False), (-0.04, 1.0, False)])
 def test_an_unusual_lens_is_believed_where_much_speaks_for_it(kappa, sigma, is_held):
     """With little evidence the usual lens holds it back, as it must what uneven ground looks like."""
     camera = aim_camera(np.array([-1.0, 54.5, -13.2]), np.array([-1.0, -2.0, 0.0]), 2000.0, -0.006, 1920, 1080, kappa)
