@@ -18,6 +18,7 @@ from circlecal.pipeline.template_markings import measure_straight_markings
 from circlecal.refusals import REFUSALS
 from circlecal.results import Attempt, CameraFit, Cues, Interpretation, LineCue, MarkingMask
 from circlecal.stages.faint_lines import find_faint_lines
+from circlecal.stages.verdict_on_picture import has_mark
 
 PARTIAL_DEG = 240.0
 """Degrees of the circle; where less is seen, the circle is measured again along the camera's curve: an ellipse that was
@@ -244,6 +245,13 @@ def names_more_lines(setting: Setting, attempt: Attempt, refined: Attempt) -> bo
     return len(set(refined.camera.named_lines) - set(attempt.camera.named_lines)) > 0
 
 
+def _is_told_twice(refined: Attempt) -> bool:
+    """Whether the centre mark and a further line carry a calibrated camera: then nothing but the size was wrong."""
+    if not refined.is_calibrated or refined.camera is None or refined.cues is None:
+        return False
+    return has_mark(refined.camera, refined.cues) and bool(refined.camera.named_lines)
+
+
 REFINEMENTS = (
     Retry(_is_worth_remeasuring, remeasure_wide_paint, lambda setting, attempt, refined: True),
     Retry(_names_lines, leave_out_broad_lines, lambda setting, attempt, refined: True),
@@ -251,7 +259,11 @@ REFINEMENTS = (
     Retry(_may_show_faint_lines, add_faint_lines, is_less_uncertain),
 )
 """What is measured again within one attempt, where its camera says what to look for; in this order."""
-RESIZE = Retry(_misses_markings, resize_field, names_more_lines)
+RESIZE = Retry(
+    _misses_markings,
+    resize_field,
+    lambda setting, attempt, refined: names_more_lines(setting, attempt, refined) or _is_told_twice(refined),
+)
 """A field of another size, where markings of the usual one are not there."""
 
 

@@ -125,10 +125,10 @@ CONFIRMING_LINES = 2
 
 def kinds_of_confirmation(camera: CameraFit, cues: Cues) -> int:
     """How many of these confirm circle and halfway line: the centre mark, several other lines."""
-    return int(_has_mark(camera, cues)) + int(len(camera.named_lines) >= CONFIRMING_LINES)
+    return int(has_mark(camera, cues)) + int(len(camera.named_lines) >= CONFIRMING_LINES)
 
 
-def _has_mark(camera: CameraFit, cues: Cues) -> bool:
+def has_mark(camera: CameraFit, cues: Cues) -> bool:
     """Whether the camera was fitted to a centre mark too."""
     return cues.mark is not None and MarkingKey(cues.mark.name) not in camera.rejected
 
@@ -143,11 +143,11 @@ def is_beyond_doubt(camera: CameraFit, cues: Cues, template: FieldTemplate) -> b
 
 def confirm(verdict: Verdict, camera: CameraFit, cues: Cues, agreement: Agreement) -> Verdict:
     """The verdict on an accepted camera after a look at the markings that it was not fitted to."""
-    has_mark = _has_mark(camera, cues)
-    least = EXPECTED_WIDTHS + (EXPECTED_WIDTHS_MORE if has_mark else 0.0)
+    is_marked = has_mark(camera, cues)
+    least = EXPECTED_WIDTHS + (EXPECTED_WIDTHS_MORE if is_marked else 0.0)
     if agreement.expected_px < least * camera.camera.width:
         return verdict
-    is_confirmed_well = (has_mark and len(camera.named_lines) > 0) or (
+    is_confirmed_well = (is_marked and len(camera.named_lines) > 0) or (
         not agreement.certain and kinds_of_confirmation(camera, cues) > 0
     )
     limit = LEAST_FOUND_CONFIRMED if is_confirmed_well else LEAST_FOUND
