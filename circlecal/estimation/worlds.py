@@ -42,9 +42,11 @@ from circlecal.geometry.medians import median_of_rows
 from circlecal.geometry.projective import Array
 from circlecal.line_naming.hypotheses import find_nameless_lines
 
-LENS_STRAIN = 1.0
+LENS_STRAIN, LEAST_TOLD_SD = 1.0, 0.03
 """By how many standard deviations of the usual lens a likely answer has another one where worlds with any lens are
-asked too.
+asked too, and the standard deviation, half-widths, from which on the options say so little of the lens that any is
+usual. Of 33 real frames, calibrated by circle and halfway line, none has another answer with these worlds; of 350
+rendered ones with lenses of all kinds eleven have, one of which was 109 px off and is refused.
 """
 
 DOUBTED_SHARE = 0.1
@@ -175,7 +177,7 @@ class _Question:
     def strains_lens(self, found: list[tuple[Answer, _Case]]) -> bool:
         """Whether a likely answer has another lens than the usual one. Clicked points are too few to tell."""
         usual_sd, share = self.first.problem.priors.sd[KAPPA_1], self.task.config.other_lens_share
-        if not (0.0 < usual_sd < np.inf and share > 0.0 and is_dense(self.first.problem.curves)):
+        if not (0.0 < usual_sd < LEAST_TOLD_SD and share > 0.0 and is_dense(self.first.problem.curves)):
             return False
         least = max(answer.evidence for answer, _ in found) - OUT_OF_THE_QUESTION
         likely = [answer for answer, _ in found if answer.evidence >= least]
