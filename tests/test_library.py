@@ -397,6 +397,10 @@ def test_calibrate_points(frame_camera):
         ({"keypoints": 3}, "^keypoints: takes pixels by the name of what they show, not int$"),
         ({"sigma_px": "wide"}, "sigma_px must be a standard deviation in pixels above 0, not 'wide'"),
         ({"keypoints": {"centre_mark": [[640, 360], [9, 9]]}}, "^centre_mark: is one point of the field, and 2 pixels"),
+        (
+            {"keypoints": {(0.0, -34.0): [[640, 360], [9, 9]]}},
+            r"^\(0.0, -34.0\): is one point of the field, and 2 pixels",
+        ),
         ({"keypoints": {"centre_circle top": np.ones((3, 2))}}, "^centre_circle top: is one point of the field, and 3"),
         ({"keypoints": {"halfway_line x side_line_top": np.ones((2, 2))}}, "is one point of the field, and 2 pixels"),
         (

@@ -339,7 +339,9 @@ class Calibration:
         """Where the true homography lies; None where no camera was estimated, or hardly any of the field is in view.
 
         ``region.distance(H)`` of the truth is distributed as chi-square with ``region.directions`` degrees of freedom:
-        below ``scipy.stats.chi2.ppf(0.9, region.directions)`` in 90 of 100 frames.
+        below ``scipy.stats.chi2.ppf(0.9, region.directions)`` in 90 of 100 frames. That holds while the camera is known
+        well: where :attr:`sigma_px` is beyond some 40 px (at 1920 px width) zoom and distance make up for each other
+        along a valley that no ellipsoid follows, and fewer truths lie in it.
         """
         fit = self.found.attempt.camera if self.ok else None
         return None if fit is None else fit.region

@@ -485,7 +485,9 @@ def observe_points(
             shapes.append(Shape(place, "points", pixels))
         else:
             x, y = _field_point(place)
-            keypoints += [Keypoint(f"({x:g}, {y:g}) m", np.array([x, y]), pixel, sigma) for pixel in pixels]
+            if len(pixels) > 1:
+                raise InputError(f"{place}: is one point of the field, and {len(pixels)} pixels are given; give one")
+            keypoints += [Keypoint(f"({x:.10g}, {y:.10g}) m", np.array([x, y]), pixel, sigma) for pixel in pixels]
     sources = config.sources.model_copy(update={"sigma_px": {"points": sigma * REFERENCE_WIDTH_PX / width}})
     observed = observe(AnnotatedFrame("points", width, height, tuple(shapes)), template, sources, "points", "points")
     if observed.warnings:

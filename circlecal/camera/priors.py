@@ -28,6 +28,10 @@ _IN_PIXELS = ("pp_x", "pp_y")
 _BY_ZOOM = " by zoom"
 INDEFINITE = 1e-9
 """Least eigenvalue, as a correlation below 0, that rounding gives a covariance in a file."""
+RIDGE = 2.0 * INDEFINITE
+"""Added to the unit diagonal of correlations, so that those of parameters that follow each other exactly have a
+Cholesky factor.
+"""
 MOST_WIDTHS = 1.33
 """Picture widths over the focal length up to which :class:`ZoomLens` was measured: wider lenses are others."""
 KNOWN_POSITION_SD_M = 1.0
@@ -97,8 +101,9 @@ class SharedPrior:
         mean, covariance, slope = self.at(theta[:, 0])
         size = np.sqrt(np.einsum("bkk->bk", covariance))
         correlation = covariance / (size[:, :, None] * size[:, None, :])
-        values, vectors = np.linalg.eigh(correlation)
-        root = np.swapaxes(vectors / np.sqrt(np.maximum(values, 1e-12))[:, None, :], 1, 2) / size[:, None, :]
+        # by Cholesky's factor, which changes with the zoom as smoothly as the covariance does
+        correlation = correlation + RIDGE * np.eye(len(self.parameters))
+        root = np.linalg.inv(np.linalg.cholesky(correlation)) / size[:, None, :]
         jacobian = np.zeros((*root.shape[:2], len(PARAMETERS)))
         jacobian[..., self.indices] = root
         jacobian[..., 0] = -(root @ slope)

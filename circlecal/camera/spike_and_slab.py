@@ -27,6 +27,7 @@ from circlecal.camera.problem import (
 from circlecal.camera.residuals import CurvePoints
 from circlecal.camera.world import BREADTH, CROWN, FLAT_SD_M, LENGTH, USUAL, Size, World
 from circlecal.field import FieldTemplate
+from circlecal.geometry.camera_parameters import parameters_between
 from circlecal.geometry.least_squares import StoppingRule
 from circlecal.geometry.projective import Array
 
@@ -255,7 +256,7 @@ def mix(answers: Sequence[Answer], best: Answer, theta: Array) -> Posterior:
         if answer is best:
             share = q / total
             continue
-        away = answer.state.theta[0] - theta
+        away = parameters_between(theta, answer.state.theta[0])
         covariance = posterior_covariance(answer.state.normal[0], answer.problem.priors.sd)
         moment = q / total * (covariance + np.outer(away, away))
         others += moment

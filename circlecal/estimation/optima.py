@@ -12,6 +12,7 @@ from circlecal.camera.problem import Problem, State
 from circlecal.camera.spike_and_slab import UNLIKELY_SHARE, Posterior, share_noise
 from circlecal.camera.world import USUAL
 from circlecal.estimation.task import Fit, Task
+from circlecal.geometry.camera_parameters import parameters_between
 
 ALIKE_COST, DISTINCT_COST = 6.0, 30.0
 """Two optima are both followed where their chi-square differs by less than the first, and would differ by more than the
@@ -37,7 +38,7 @@ def distinct_optima(problem: Problem, state: State) -> list[State]:
     nearly edge-on has two. The camera of the turned field does not count.
     """
     best = state.best()
-    away, place = state.theta - best.theta, state.theta[:, 4:6] - problem.priors.center_m
+    away, place = parameters_between(best.theta, state.theta), state.theta[:, 4:6] - problem.priors.center_m
     own = best.theta[:, 4:6] - problem.priors.center_m
     is_turned = np.linalg.norm(place + own, axis=1) < np.linalg.norm(place - own, axis=1)
     is_distinct = ((away @ best.normal[0]) * away).sum(axis=1) > DISTINCT_COST
@@ -57,7 +58,7 @@ def _is_same(task: Task, fit: Fit, other_task: Task, other: Fit) -> bool:
     """Whether two completed fits name the same lines, and have the same camera before the same kind of surface."""
     if task.names != other_task.names or fit.problem.model != other.problem.model:
         return False
-    away = other.state.theta[0] - fit.state.theta[0]
+    away = parameters_between(fit.state.theta[0], other.state.theta[0])
     return float(away @ fit.state.normal[0] @ away) < SAME_COST
 
 
@@ -80,7 +81,7 @@ def choose_optimum(finished: list[tuple[Task, Fit]], known: int) -> tuple[Task, 
     mine, its = (
         f.posterior or Posterior(USUAL, 1.0, np.zeros_like(f.state.normal[0]), {"usual": 1.0}) for f in (fit, other)
     )
-    away = other.state.theta[0] - fit.state.theta[0]
+    away = parameters_between(fit.state.theta[0], other.state.theta[0])
     covariance = its.widen(posterior_covariance(other.state.normal[0], other.problem.priors.sd))
     others = share * mine.others + (1.0 - share) * (covariance + np.outer(away, away))
     sizes = {

@@ -153,7 +153,9 @@ def read_predictions(folder: Path, size: Size, given_size: Size | None = None) -
         for record in read_records(log):
             found |= _own_result(record, size)
     if not found:
-        raise InputError(f"{folder}: holds no camera; camera_<id>.json, results or <id>{MATRIX_SUFFIX} are read")
+        raise InputError(
+            f"{folder}: holds no camera of a soccer field; camera_<id>.json, results or <id>{MATRIX_SUFFIX} are read"
+        )
     return found
 
 
@@ -233,10 +235,17 @@ def _further(frames: Sequence[CameraFrame], size: Size) -> dict[str, Prediction]
 
 
 def _own_result(stored: ResultRecord, size: Size) -> dict[str, Prediction]:
-    """A result of circlecal; none where it was refused."""
+    """A result of circlecal; none where it was refused, or is of another field than those that are scored."""
+    if stored.field is not None and stored.field.template != "soccer":
+        return {}
     template = load_field("soccer")
     frame = CalibratedFrame.of(stored, template, template.circle_by_name[template.default_circle])
-    return {} if frame is None else _flat(frame, size)
+    if frame is None:
+        return {}
+    if frame.camera is None:
+        H = np.diag([*_factor((frame.width, frame.height), size), 1.0]) @ frame.H_image_field
+        return {frame.id: Prediction(PlaneHomography(H), H)}
+    return _flat(frame, size)
 
 
 def _true_camera(path: Path, truth: _FrameTruth, size: Size) -> dict[str, Prediction]:

@@ -113,7 +113,7 @@ class CameraFrame:
         H = self.H_image_field
         if H is None and self.camera is not None:
             view = FieldView(self.camera)
-            H = nearest_homography(view, *_visible_field(view, template, template.circles[0]))
+            H = nearest_homography(view, *_visible_field(view, template))
         if H is not None and not is_invertible(H):
             raise InputError(
                 "its camera lies in the plane of the field, or beyond all bounds, and its homography cannot be "
@@ -225,7 +225,8 @@ class CalibratedFrame:
     def flat(self) -> Camera | None:
         """The camera over a flat field, for formats that know no crown; None where no camera fits the homography."""
         if self.camera is None:
-            return camera_from_homography(self.H_image_field, self.width, self.height)
+            near = camera_from_homography(self.H_image_field, self.width, self.height)
+            return None if near is None else flat_camera(near, *self.visible_field)
         if self.view.surface.is_flat:
             return self.camera
         return flat_camera(self.camera, *self.visible_field)
@@ -275,16 +276,19 @@ def center_camera(camera: Camera, template: FieldTemplate) -> Camera:
     at_center = np.allclose(camera.principal_point_px, center, rtol=0.0, atol=CENTRED_PX)
     if at_center and camera.focal_px[0] == camera.focal_px[1] and camera.kappa[1] == 0:
         return camera
-    points, pixels = _visible_field(FieldView(camera), template, template.circles[0])
+    points, pixels = _visible_field(FieldView(camera), template)
     return flat_camera(camera, points, pixels, centred=True)
 
 
-def _visible_field(view: FieldView, template: FieldTemplate, circle: Circle) -> tuple[Array, Array]:
-    """Points (N, 2) of the field and of a circle that are in the picture, and their pixels (N, 2)."""
+def _visible_field(view: FieldView, template: FieldTemplate, circle: Circle | None = None) -> tuple[Array, Array]:
+    """Points (N, 2) of the field and of a circle that are in the picture, and their pixels (N, 2); of the first circle
+    or arc of the field where none is named.
+    """
+    curves = (circle,) if circle is not None else (*template.circles, *template.arcs)[:1]
     half = np.array([template.length_m, template.width_m]) / 2
     axes = [np.linspace(-h, h, max(3, int(np.ceil(2 * h / _GRID_M)) + 1)) for h in half]
     grid = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
-    points = np.concatenate([grid, template.polylines(1.0)[circle.name]])
+    points = np.concatenate([grid, *(template.polylines(1.0)[curve.name] for curve in curves)])
     pixels = view.project(points)
     seen = view.shows(pixels)
     return points[seen], pixels[seen]

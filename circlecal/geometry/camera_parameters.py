@@ -369,6 +369,15 @@ def level_points(theta: Array, pixels: Array, model: ProjectionModel) -> Array:
     return np.swapaxes(theta[:, POSITION.start : POSITION.start + 2, None] + reach[:, None] * world[:, :2], 1, 2)
 
 
+def parameters_between(theta: Array, other: Array) -> Array:
+    """From parameter vectors (..., P) to others, with angles the shorter way round: cameras that look to both sides of
+    -x have pans of nearly pi and nearly -pi.
+    """
+    between = other - theta
+    between[..., ANGLES] = (between[..., ANGLES] + np.pi) % (2.0 * np.pi) - np.pi
+    return np.asarray(between)
+
+
 def active_parameters(sd: Array) -> NDArray[np.int_]:
     """Indices of the parameters that are estimated: those whose prior standard deviation is not zero."""
     return np.flatnonzero(sd > 0)

@@ -137,7 +137,7 @@ def fit_conic(points: ArrayLike, method: str = "direct", weights: ArrayLike | No
     Returns
     -------
     (3, 3) array or None
-        The normalised conic; None where the points determine none (too few, collinear, not finite).
+        The normalised conic; None where the points determine none (too few, collinear, not finite, of no weight).
     """
     if method not in FIT_METHODS:
         raise ValueError(f"method must be one of {FIT_METHODS}, not {method!r}")
@@ -146,7 +146,11 @@ def fit_conic(points: ArrayLike, method: str = "direct", weights: ArrayLike | No
         return None
     T = similarity_normalisation(p)
     local = p * T[0, 0] + T[:2, 2]
-    w = None if weights is None else np.asarray(weights, dtype=np.float64) / np.max(weights)
+    w = None if weights is None else np.asarray(weights, dtype=np.float64)
+    if w is not None:
+        if not (np.isfinite(w).all() and (w >= 0.0).all() and w.any()):
+            return None
+        w = w / w.max()
     scatter = _scatter(local, w)
     spectrum = np.linalg.eigvalsh(scatter)
     # more than one conic passes through points that are collinear or stand in fewer than five places
@@ -249,9 +253,11 @@ def refine_conic(points: ArrayLike, conic: ArrayLike, sigma_px: ArrayLike | floa
     covariance : (6, 6) array
         Covariance of its coefficients (``x^2, xy, y^2, x, y, 1``), rank 5 as the determinant is fixed, for the given
         sigmas.
-    None where the start is no ellipse.
+    None where the start is no ellipse, or there are fewer than five points.
     """
     p = np.asarray(points, dtype=np.float64)
+    if len(p) < 5:
+        return None
     T = similarity_normalisation(p)
     inverse_T = np.linalg.inv(T)
     sigma = np.broadcast_to(np.asarray(sigma_px, dtype=np.float64) * T[0, 0], len(p))

@@ -234,8 +234,10 @@ def reprojection_grid(
 
     Only points with the sign of w that the image's lower centre sees count as in front of the camera.
     """
-    x = np.arange(-half_length_m, half_length_m + 1e-9, step_m)
-    y = np.arange(-half_width_m, half_width_m + 1e-9, step_m)
+    # from the middle outwards, so that a turned field has these points too
+    x, y = (
+        step_m * np.arange(-int(h / step_m + 1e-9), int(h / step_m + 1e-9) + 1) for h in (half_length_m, half_width_m)
+    )
     grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     image = lift(grid) @ np.asarray(H, dtype=np.float64).T
     sign = (

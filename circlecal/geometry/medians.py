@@ -18,7 +18,7 @@ def upper_median(values: NDArray[np.floating[Any]]) -> float:
 
 
 def median_of_rows(rows: NDArray[np.floating[Any]]) -> Array:
-    """Medians (...) over the rows (K, ...) of numbers, as ``np.median`` has them; nan of none."""
+    """Medians (...) over the rows (K, ...) of finite numbers, as ``np.median`` has them; nan of no rows."""
     half = len(rows) // 2
     if len(rows) == 0:
         return np.full(rows.shape[1:], np.nan)

@@ -189,3 +189,19 @@ def test_priors_for_one_focal_length_have_the_lens_that_it_has():
     told = Priors(0.0 * one, one, 80.0, np.inf, 0.25, np.inf, np.zeros(2), lens=lens)
     at = told.at_focal(np.log(1920 * 1.25))
     assert at.lens is None and at.mean[KAPPA_1] == pytest.approx(0.035 - 0.04 / 1.25**2)
+
+
+def test_shared_residuals_change_smoothly_with_the_zoom():
+    """Their signs and their order are those of no eigenvectors, which swap as the covariance grows."""
+    told, theta = prior(), random_thetas(1, np.random.default_rng(1)).repeat(200, axis=0)
+    theta[:, 0] = np.linspace(7.0, 9.0, 200)
+    values, _ = told.residuals(theta)
+    steps = np.linalg.norm(np.diff(values, axis=0), axis=1)
+    assert steps.max() < 0.1 * np.linalg.norm(values, axis=1).min()
+
+
+def test_a_shared_prior_of_parameters_that_follow_each_other_is_told():
+    told = replace(prior(), zoomed=(), mean=np.zeros(6), covariance=np.ones((6, 6)), deviation_sd=np.zeros(6))
+    values, jacobian = told.residuals(random_thetas(1, np.random.default_rng(1)))
+    assert np.isfinite(values).all()
+    assert np.isfinite(jacobian).all()

@@ -224,6 +224,18 @@ def test_a_mixture_is_as_wide_as_its_draws():
     np.testing.assert_allclose(posterior.resized, apart)
 
 
+def test_a_mixture_of_cameras_on_both_sides_of_a_half_turn_is_narrow():
+    size, pan = len(PARAMETERS), INDEX["pan"]
+    theta = np.zeros((2, size))
+    theta[:, pan] = np.pi - 0.01, 0.01 - np.pi
+    problem = SimpleNamespace(priors=SimpleNamespace(sd=np.full(size, np.inf)))
+    states = [SimpleNamespace(theta=row[None], normal=1e6 * np.eye(size)[None]) for row in theta]
+    answers = [
+        SimpleNamespace(state=s, problem=problem, world=SimpleNamespace(size="usual"), evidence=0.0) for s in states
+    ]
+    assert mix(answers, answers[0], theta[0]).others[pan, pan] == pytest.approx(0.5 * 0.02**2, rel=0.01)
+
+
 def test_a_field_beyond_the_rules_has_less_evidence_than_one_within(monkeypatch):
     rng = np.random.default_rng(5)
     theta = plain_theta(rng)

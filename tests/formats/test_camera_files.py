@@ -11,10 +11,10 @@ from circlecal.errors import InputError
 from circlecal.field import load_field
 from circlecal.field.view import FieldView
 from circlecal.formats import broadtrack, exports, soccernet_camera, tvcalib, worldcup
-from circlecal.formats.cameras import CameraFrame, center_camera, resize_camera
+from circlecal.formats.cameras import CalibratedFrame, CameraFrame, center_camera, resize_camera
 from circlecal.formats.format import json_bytes
 from circlecal.formats.soccernet_camera import camera_keys
-from circlecal.geometry.camera import image_center
+from circlecal.geometry.camera import PlaneCamera, camera_from_homography, image_center
 from circlecal.geometry.surface import Surface
 from circlecal.synthetic.cameras import aim_camera
 
@@ -217,3 +217,30 @@ def test_a_homography_of_a_picture_of_another_shape_is_stretched_back(frame_came
     np.testing.assert_allclose(seen_by(frame.H_image_field, POINTS), seen_by(stored.homography, POINTS), atol=1e-6)
     (frame,) = worldcup.FORMAT.read(path, content, None)
     assert (frame.width, frame.height) == (1280, 720)
+
+
+@pytest.mark.parametrize("field", ["field-hockey", "beach-soccer"])
+@pytest.mark.parametrize("module", [broadtrack, tvcalib, worldcup])
+def test_fields_without_a_whole_circle_have_cameras_of_every_kind(frame_camera, field, module):
+    template = load_field(field)
+    assert not template.circles
+    holds = module.FORMAT.holds
+    found = CameraFrame("a", 960, 540, frame_camera).reduce(holds, template)
+    assert found.H_image_field is not None
+
+
+def test_the_camera_of_a_homography_shows_the_field_where_that_has_it(frame_camera):
+    """A homography of a solver is that of no camera exactly; the closed form takes one, and is nearest at no place."""
+    soccer = load_field("soccer")
+    H = replace(frame_camera, kappa=np.zeros(2)).homography.copy()
+    H[2, :2] *= 1.03
+    frame = CalibratedFrame(
+        "a", 960, 540, FieldView(PlaneCamera(960, 540, H)), soccer, soccer.circle_by_name["centre_circle"]
+    )
+    places, pixels = frame.visible_field
+    closed = camera_from_homography(H, 960, 540)
+
+    def rms(camera):
+        return np.sqrt(np.mean((camera.project(places) - pixels) ** 2))
+
+    assert rms(frame.flat) < 0.7 * rms(closed)

@@ -14,6 +14,7 @@ from circlecal.geometry.camera_parameters import (
     ProjectionModel,
     active_parameters,
     camera_of,
+    parameters_between,
     project,
     rotations,
     theta_of,
@@ -136,3 +137,13 @@ def test_a_barrel_lens_folds_what_lies_too_far_out():
     radius = np.sqrt(seen.r2[0])
     np.testing.assert_array_equal(seen.visible[0], radius < np.sqrt(1 / 0.3))
     assert seen.visible.any() and not seen.visible.all()
+
+
+def test_cameras_on_both_sides_of_a_half_turn_are_near_each_other():
+    first, second = np.zeros((2, len(PARAMETERS)))
+    first[1], second[1] = np.pi - 0.01, 0.01 - np.pi
+    second[4] = 3.0
+    between = parameters_between(first, second)
+    assert between[1] == pytest.approx(0.02)
+    assert between[4] == 3.0
+    np.testing.assert_allclose(parameters_between(second, first[None])[0], -between)

@@ -203,3 +203,13 @@ def test_covariance_of_the_refinement_is_calibrated(span, sigma):
 def test_refinement_of_a_hyperbola_is_none():
     points = SHORT.points(np.arange(20.0))
     assert conic_fits.refine_conic(points, np.diag([1.0, -1.0, -1.0])) is None
+
+
+@pytest.mark.parametrize("weights", [np.zeros(40), np.full(40, np.nan), -np.ones(40), np.r_[np.inf, np.ones(39)]])
+def test_points_of_no_weight_determine_no_conic(weights):
+    points = SHORT.points(np.linspace(0.0, 6.0, 40))
+    assert conic_fits.fit_conic(points, weights=weights) is None
+
+
+def test_no_conic_is_refined_by_too_few_points():
+    assert conic_fits.refine_conic(SHORT.points(np.arange(4.0)), conic_from_ellipse(SHORT), 0.3) is None

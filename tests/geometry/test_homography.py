@@ -205,3 +205,11 @@ def test_names_of_directions():
 def test_homography_that_sends_the_origin_to_infinity_is_scaled_by_its_norm():
     H = np.array([[0.0, 1.0, 5.0], [2.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
     assert np.linalg.norm(hg.scale_homography(H)) == pytest.approx(1.0)
+
+
+def test_the_grid_of_a_field_is_that_of_the_field_turned():
+    H = np.diag([8.0, 8.0, 1.0])
+    H[:2, 2] = 960.0, 540.0
+    grid = hg.reprojection_grid(H, 1921, 1081, 45.7, 27.4)
+    turned = -grid[np.lexsort((-grid[:, 1], -grid[:, 0]))]
+    np.testing.assert_allclose(grid[np.lexsort((grid[:, 1], grid[:, 0]))], turned)

@@ -90,3 +90,20 @@ def test_a_faint_line_that_is_yellow_or_was_measured_before_in_pieces_is_none(
     setting = SimpleNamespace(circle=None, template=None, width=1280, clock=lambda stage: nullcontext())
     taken = list(refinements.add_faint_lines(setting, SimpleNamespace(marked=None, clear_lines=tuple), attempt))
     assert [attempt.cues.lines[2:] for attempt in taken] == ([(faint,)] if is_taken else [])
+
+
+@pytest.mark.parametrize(
+    ("status", "mark", "lines", "is_taken"),
+    [
+        ("calibrated", "centre_mark", ("side_line_top",), True),
+        ("refused", "centre_mark", ("side_line_top",), False),
+        ("calibrated", None, ("side_line_top",), False),
+        ("calibrated", "centre_mark", (), False),
+    ],
+)
+def test_a_field_of_another_size_is_taken_where_mark_and_line_carry_its_camera(status, mark, lines, is_taken):
+    cues = Cues(None, None if mark is None else SimpleNamespace(name=mark))
+    camera = SimpleNamespace(named_lines=lines, rejected=())
+    resized = SimpleNamespace(is_calibrated=status == "calibrated", camera=camera, cues=cues)
+    first = SimpleNamespace(camera=SimpleNamespace(named_lines=lines))
+    assert refinements.RESIZE.accept(None, first, resized) == is_taken

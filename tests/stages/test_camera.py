@@ -274,3 +274,16 @@ def test_evidence_is_told_where_other_frames_stand_for_the_priors():
     sd[INDEX["crown"]] = np.inf
     free = replace(problem.priors, sd=sd)
     assert np.isfinite(log_evidence(USUAL, *with_priors(problem, state, free), SOCCER, len(problem.curves.keys)))
+
+
+def test_a_camera_on_the_far_side_is_known_as_well_as_that_of_the_turned_field():
+    """Its pan is about a half turn."""
+    position, target = np.array([8.0, -60.0, -14.0]), np.array([7.94, 0.0, 0.0])
+    camera = aim_camera(position, target, 2000.0, 0.0, 1920, 1080)
+    near = estimate_camera(
+        seen(camera, lines=("side_line_bottom",), sigma=0.3), SOCCER, CIRCLE, CameraConfig(), "opposite"
+    )
+    turned = estimate_camera(
+        seen(camera.turn_field(), lines=("side_line_top",), sigma=0.3), SOCCER, CIRCLE, CameraConfig()
+    )
+    assert near.max_sigma_px == pytest.approx(turned.max_sigma_px, rel=0.05)

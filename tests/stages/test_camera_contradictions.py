@@ -207,3 +207,18 @@ def test_an_unusual_lens_is_believed_where_much_speaks_for_it(kappa, sigma, is_h
     found, sd = fit.theta[INDEX["kappa_1"]], np.sqrt(fit.covariance[INDEX["kappa_1"], INDEX["kappa_1"]])
     assert abs(found - kappa) < 1.5 * sd
     assert (found > kappa + 0.4 * sd) == is_held
+
+
+def test_any_lens_widens_what_a_frame_leaves_open():
+    """A lens unlike the usual one that little speaks for is not believed, but the answer is less certain of its own."""
+    camera = aim_camera(np.array([-1.0, 54.5, -13.2]), np.array([-1.0, -2.0, 0.0]), 2000.0, -0.006, 1920, 1080, -0.02)
+    given = seen(camera, edges=("center",), lines=("side_line_top",), mark=True, sigma=4.0, count=400)
+    kappa = INDEX["kappa_1"]
+
+    def estimate(share):
+        fit = estimate_camera(given, SOCCER, CIRCLE, CameraConfig(k1_mean=0.03, other_lens_share=share))
+        return fit.theta[kappa], np.sqrt(fit.covariance[kappa, kappa])
+
+    (usual, usual_sd), (_, sd) = estimate(0.0), estimate(0.05)
+    assert usual > -0.02 + 1.3 * usual_sd
+    assert sd > 1.5 * usual_sd

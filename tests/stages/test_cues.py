@@ -524,3 +524,19 @@ def test_a_line_that_is_bare_inside_the_circle_is_measured_beside_it(painted):
     assert (rows < inner.start).any() and (rows > inner.stop).any()
     assert np.count_nonzero((rows > inner.start + 5) & (rows < inner.stop - 5)) < 5
     assert cues_in(worn, halfway=Segment(far, near)).halfway is None
+
+
+def test_a_clear_centre_mark_is_found_beyond_where_it_usually_lies(painted):
+    """The ellipse of a part of the circle may be off by more than its arc says; what is faint is not believed there."""
+    far = CONFIG.model_copy(update={"mark_offset": (0.3, 0.5)})
+    cue = cues_in(painted, far).mark
+    assert np.linalg.norm(cue.point_px - CAMERA.project(np.zeros(2))) < 1.0
+    beyond = cues_in(painted, CONFIG.model_copy(update={"mark_offset": (0.5, 0.7)})).mark
+    faint = cues_in(painted, far.model_copy(update={"mark_snr": cue.snr / 1.5})).mark
+    assert (beyond, faint) == (None, None)
+
+
+def test_no_centre_mark_is_found_far_out_where_none_is():
+    for seed in range(5):
+        bare = paint(CAMERA, mark=False, noise=1.5, seed=seed)
+        assert cues_in(bare, CONFIG.model_copy(update={"mark_offset": (0.3, 0.5)})).mark is None
