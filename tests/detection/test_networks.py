@@ -9,12 +9,13 @@ import pytest
 
 from circlecal.api import calibrate
 from circlecal.batch.frames import require_networks
-from circlecal.config import SourcesConfig, config_digest, load_config
+from circlecal.config import config_digest, load_config
 from circlecal.detection.keypoints import KeypointsConfig, find_peaks
 from circlecal.detection.networks import NetworkInput, SegmentationNetwork, segment
 from circlecal.errors import ConfigError, MissingExtraError
 from circlecal.field import load_field
 from circlecal.formats.inputs import observe_network
+from circlecal.formats.meaning import SourcesConfig
 from circlecal.formats.pnlcalib import WRONG_RIGHT_END, keypoint_table, tangency_points
 from circlecal.geometry.camera import Camera
 from circlecal.observations import MarkingKey
