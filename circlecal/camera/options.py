@@ -267,6 +267,13 @@ def usual_kappa(config: CameraConfig, focal_widths: float) -> float:
     return float(BROADCAST_ZOOM.kappa(np.log(focal_widths))) if config.k1_mean is None else config.k1_mean
 
 
+def usual_kappa_by_zoom(config: CameraConfig, focal_widths: float) -> float:
+    """By how much the radial distortion is expected to grow, half-widths, while the focal length of a lens, so many
+    picture widths, grows e-fold.
+    """
+    return float(BROADCAST_ZOOM.slope(np.log(focal_widths))) if config.k1_mean is None else 0.0
+
+
 def has_position(config: CameraConfig) -> bool:
     """Whether the camera's position has a prior."""
     shared = config.shared is not None and {"x", "y", "z"} <= set(config.shared.parameters)

@@ -37,7 +37,10 @@ class RigConfig(BaseModel):
         "width; 0 for not at all.",
     )
     k1_by_zoom: float = Field(
-        0.01, ge=0, description="Prior of how much the radial distortion changes while the focal length grows e-fold."
+        0.01,
+        ge=0,
+        description="Prior of how much the radial distortion changes while the focal length grows "
+        "e-fold, about what broadcast zooms do where camera.k1_mean is null, else about 0.",
     )
     lever_m: float = Field(
         0.6,

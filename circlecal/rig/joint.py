@@ -78,8 +78,10 @@ class JointProblem:
     own, shared, zoomed, deviating : index arrays
         Estimated parameters by their place in the parameter vector: a frame's own (O), shared (K), of these those that
         change with the zoom (Z), and those from which a frame may deviate (D).
-    slope_sd, deviation_sd : (Z,), (D,) arrays
-        Priors of the changes with the zoom and of the deviations, about 0.
+    slope_mean, slope_sd : (Z,), (Z,) arrays
+        Prior of the changes with the zoom.
+    deviation_sd : (D,) array
+        Prior of the deviations, about 0.
     log_focal : float
         Logarithm of the focal length at which the shared parameters are quoted.
     turning : Turning
@@ -92,6 +94,7 @@ class JointProblem:
     shared: Indices
     zoomed: Indices
     deviating: Indices
+    slope_mean: Array
     slope_sd: Array
     deviation_sd: Array
     log_focal: float
@@ -290,7 +293,8 @@ def joint_problem(
     problems : sequence of Problem
         The frames; the first one's priors are those of the shared parameters.
     slope_sd : mapping
-        Prior of the change of a parameter per unit of log focal length, by name; only for ``ZOOMED`` ones.
+        Prior of the change of a parameter per unit of log focal length, by name; only for ``ZOOMED`` ones. About 0, and
+        that of a lens which follows the focal length about what it does there.
     deviation_sd : mapping
         How far a frame may deviate from a shared parameter, by name; 0 or missing for not at all.
     log_focal : float
@@ -298,7 +302,8 @@ def joint_problem(
     turning : Turning
         What is assumed of how the camera turns.
     """
-    priors = problems[0].priors.at_focal(log_focal)
+    lens, priors = problems[0].priors.lens, problems[0].priors.at_focal(log_focal)
+    by_zoom = {} if lens is None else {"kappa_1": float(lens.slope(np.array(log_focal)))}
     free = {name for name, sd in zip(PARAMETERS, priors.sd, strict=True) if sd > 0}
     own = [INDEX[name] for name in OWN if name in free]
     shared = [INDEX[name] for name in SHARED if name in free]
@@ -314,6 +319,7 @@ def joint_problem(
         shared=np.array(shared, dtype=np.int_),
         zoomed=np.array([INDEX[name] for name in zoomed], dtype=np.int_),
         deviating=np.array([INDEX[name] for name in deviating], dtype=np.int_),
+        slope_mean=np.array([by_zoom.get(name, 0.0) for name in zoomed]),
         slope_sd=np.array([slope_sd[name] for name in zoomed]),
         deviation_sd=np.array([deviation_sd[name] for name in deviating]),
         log_focal=log_focal,
@@ -326,7 +332,7 @@ def start_state(problem: JointProblem, theta: Array, turning: Array | None = Non
     at its parameters :data:`TURNING` (3,), usual ones when None.
     """
     turning = (problem.turning.mean if turning is None else turning)[problem.turning.free]
-    common = np.concatenate([np.zeros(len(problem.shared) + len(problem.zoomed)), turning])
+    common = np.concatenate([np.zeros(len(problem.shared)), problem.slope_mean, turning])
     theta = problem.heads_of(theta, common)
     common[: len(problem.shared)] = np.median(theta[:, problem.shared], axis=0)
     own = np.concatenate([theta[:, problem.own], np.zeros((len(theta), len(problem.deviating)))], axis=1)
@@ -380,7 +386,7 @@ def _common_priors(problem: JointProblem, common: Array) -> tuple[Array, Array, 
     jacobian = jacobian[0][:, problem.shared]
     turning, free = problem.turning, problem.turning.free
     sd = np.concatenate([problem.slope_sd, turning.sd[free]])
-    usual = np.concatenate([np.zeros(len(problem.slope_sd)), turning.mean[free]])
+    usual = np.concatenate([problem.slope_mean, turning.mean[free]])
     others = (common[K:] - usual) / sd
     normal = np.zeros((len(common), len(common)))
     normal[:K, :K] = jacobian.T @ jacobian

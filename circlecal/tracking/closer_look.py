@@ -220,7 +220,8 @@ def _fit_closely(
     leaves it.
     """
     unit = tripod.size[0] / 1920.0
-    any_mean, any_sd = priors_of_frames(config, template, tripod.size, [frame.measured for frame in sharp])
+    seen = [frame.measured for frame in sharp]
+    any_mean, any_sd = priors_of_frames(config, template, tripod.size, seen, tripod.model.log_focal)
     mean, sd = hold_size(tripod, any_mean, any_sd)
     kept, (fit,) = leave_out_false_line(sharp, [tripod], mean, sd, drawn)
     alike = count_alike(fit)

@@ -98,10 +98,16 @@ def estimate_paint_width(
 
 
 def priors_of_frames(
-    config: Config, template: FieldTemplate, size: tuple[int, int], measured: Sequence[MeasuredFrame]
+    config: Config,
+    template: FieldTemplate,
+    size: tuple[int, int],
+    measured: Sequence[MeasuredFrame],
+    log_focal: float,
 ) -> tuple[Array, Array]:
-    """Means and standard deviations (K,) of the common parameters, with how broad the paint looks in frames."""
-    mean, sd = common_priors(config.camera, config.rig, template, size)
+    """Means and standard deviations (K,) of the common parameters, quoted at a logarithm of the focal length, with how
+    broad the paint looks in frames.
+    """
+    mean, sd = common_priors(config.camera, config.rig, template, size, float(np.exp(log_focal)) / size[0])
     seen = estimate_paint_width(measured, template.marking_width_m, template_curves(template))
     if seen is not None:
         # paint is no broader than the rules allow, however it looks

@@ -126,7 +126,7 @@ def survey_clip(
             if len(members) >= LEAST_FRAMES:
                 own = learn_closely(extended, members, pictures, pictures_at, config, drawn, usual, period_s)
                 measured = [frame.measured for frame in members]
-                prior = priors_of_frames(config, template, tripod.size, measured)
+                prior = priors_of_frames(config, template, tripod.size, measured, tripod.model.log_focal)
                 extended = _learn_from(tripod, extended, own, members, prior, drawn)
             tripods.append(extended)
         return Venue(template.name, tuple(tripods), paint)
@@ -213,7 +213,7 @@ def _note_hips(
         return
     for tripod, members in found:
         measured = [frame.measured for frame in members]
-        mean, sd = priors_of_frames(config, template, tripod.size, measured)
+        mean, sd = priors_of_frames(config, template, tripod.size, measured, tripod.model.log_focal)
         if members and may_be_hip(members, tripod, mean, sd, drawn):
             _log.warning(
                 "%s: its pitch falls to the goal lines too: camera.crown_shape=hip fits it better", tripod.name
@@ -268,7 +268,8 @@ def _fit_alone(
     """The tripod of frames, without those of a false calibration; None where too few are left."""
     size = members[0].fit.model.width, members[0].fit.model.height
     unit = size[0] / 1920.0
-    mean, sd = priors_of_frames(config, template, size, [member.measured for member in members])
+    log_focal = float(np.median([member.fit.theta[0] for member in members]))
+    mean, sd = priors_of_frames(config, template, size, [member.measured for member in members], log_focal)
     kept = list(members)
     left_out: list[str] = []
     while len(kept) >= _least_frames(kept):
@@ -303,7 +304,7 @@ def _extend(
     """The tripod after it has found its other frames among the pictures, and learnt from them; what is known of it from
     elsewhere stays known. And these frames.
     """
-    mean, sd = priors_of_frames(config, template, tripod.size, [])
+    mean, sd = priors_of_frames(config, template, tripod.size, [], tripod.model.log_focal)
     sizes = {n: p for n, p in pictures.items() if p.size == tripod.size and p.grass_share >= LEAST_GRASS}
     for _ in range(ROUNDS):
         place = Place.of(tripod, template)
@@ -319,7 +320,8 @@ def _extend(
             is_painted = look is not None and len(look.measured.marking) > 0
             if look is not None and is_painted and (look.is_confirmed or seen is not None):
                 frames.append(HeadedFrame(name, look.fit.head, look.measured))
-        mean, sd = priors_of_frames(config, template, tripod.size, [frame.measured for frame in frames])
+        seen_paint = [frame.measured for frame in frames]
+        mean, sd = priors_of_frames(config, template, tripod.size, seen_paint, tripod.model.log_focal)
         is_hipped = config.camera.crown_shape == "hip"
         fit = _fit_members(frames, tripod, mean, sd, drawn, known, is_hipped=is_hipped)
         if fit is None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from circlecal.camera.options import USUAL_FOCAL_WIDTHS, CameraConfig, usual_kappa
+from circlecal.camera.options import USUAL_FOCAL_WIDTHS, CameraConfig, usual_kappa, usual_kappa_by_zoom
 from circlecal.camera.rig_options import RigConfig
 from circlecal.field import FieldTemplate
 from circlecal.geometry.camera_parameters import INDEX, ProjectionModel
@@ -29,7 +29,9 @@ ROLL_SD_DEG = 0.6
 LEVER_BY_ZOOM_SD_M = 0.2
 """Prior of the lever arm's change while the focal length grows e-fold."""
 POINT_BY_ZOOM_PX, KAPPA_BY_ZOOM = 4.0, 0.015
-"""Priors of how far principal point (pixels at 1920 px width) and radial distortion change with that."""
+"""Priors of how far principal point (pixels at 1920 px width) and radial distortion change with that, the latter about
+what broadcast zooms do.
+"""
 WIDTH_SD_M = 0.015
 """How far the width of the paint may be from the template's, metres: the Laws of the Game allow at most 12 cm, and
 grounds have 9 to 12. It is estimated with the rest only where that is asked for, since it takes what the surface and
@@ -42,9 +44,14 @@ LEVER = PLACE["lever"]
 
 
 def common_priors(
-    config: CameraConfig, rig: RigConfig, template: FieldTemplate, picture: tuple[int, int]
+    config: CameraConfig,
+    rig: RigConfig,
+    template: FieldTemplate,
+    picture: tuple[int, int],
+    focal_widths: float = USUAL_FOCAL_WIDTHS,
 ) -> tuple[Array, Array]:
-    """Means and standard deviations (K,) of the common parameters before any frame, for pictures of a size.
+    """Means and standard deviations (K,) of the common parameters before any frame, for pictures of a size, quoted at a
+    focal length in picture widths.
 
     Of the axis nothing is known, unless the user says where the camera stands: who measures that measures its tripod.
     The pitch may have any size that its rules allow. That most have the template's is another hypothesis, which is
@@ -67,8 +74,9 @@ def common_priors(
         know(name, 0.0, spread)
         know(f"{name}_by_zoom", 0.0, POINT_BY_ZOOM_PX * picture[0] / 1920.0)
     radial = config.distortion == "radial"
-    know("kappa_1", usual_kappa(config, USUAL_FOCAL_WIDTHS) if radial else 0.0, config.k1_sd if radial else 0.0)
-    know("kappa_1_by_zoom", 0.0, KAPPA_BY_ZOOM if radial else 0.0)
+    know("kappa_1", usual_kappa(config, focal_widths) if radial else 0.0, config.k1_sd if radial else 0.0)
+    by_zoom = usual_kappa_by_zoom(config, focal_widths)
+    know("kappa_1_by_zoom", by_zoom if radial else 0.0, KAPPA_BY_ZOOM if radial else 0.0)
     know("kappa_2", config.k2_mean if radial else 0.0, config.k2_sd if radial else 0.0)
     know("log_aspect", float(np.log(config.aspect)), config.aspect_sd)
     flat = config.crown_shape == "flat"

@@ -7,7 +7,7 @@ import pytest
 
 from circlecal.camera.covariance import posterior_covariance
 from circlecal.camera.observed import NoiseModel, curves_from_observations, points_from_observations
-from circlecal.camera.priors import Priors
+from circlecal.camera.priors import Priors, ZoomLens
 from circlecal.camera.problem import Problem, minimise
 from circlecal.camera.residuals import sample_feet
 from circlecal.field import load_field
@@ -288,3 +288,17 @@ def test_what_frames_say_of_a_camera_hangs_on_where_it_points_not_on_where_it_wa
     near, far = (shared_prior(problem, state, 1, theta) for theta in (truth[1], elsewhere))
     np.testing.assert_allclose(far.mean, near.mean, atol=1e-9)
     np.testing.assert_allclose(far.covariance, near.covariance, rtol=1e-9, atol=1e-12)
+
+
+def test_a_lens_is_expected_to_follow_the_zoom_as_that_of_one_frame_is():
+    rng = np.random.default_rng(5)
+    problem, lens = problem_of(views(1, rng)[0], rng), ZoomLens(0.035, 0.04, 1920)
+    following = replace(problem, priors=replace(problem.priors, lens=lens))
+    log_focal = float(np.log(3000.0))
+    told, free = (joint_problem([one], ZOOM, DEVIATION, log_focal) for one in (problem, following))
+    slopes = dict(zip(free.zoomed.tolist(), free.slope_mean.tolist(), strict=True))
+    assert slopes == {INDEX["pp_x"]: 0.0, INDEX["kappa_1"]: pytest.approx(float(lens.slope(np.array(log_focal))))}
+    assert not told.slope_mean.any()
+    theta = theta_of(views(1, rng)[0], MODEL)[None]
+    started = start_state(free, theta).common[len(free.shared) :]
+    np.testing.assert_array_equal(started, free.slope_mean)

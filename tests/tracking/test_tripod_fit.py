@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from circlecal.config import load_config
 from circlecal.rig.tripod import PLACE, TripodEstimate
@@ -66,6 +67,7 @@ def test_the_last_fit_tells_what_models_leave_of_whole_markings() -> None:
 def test_along_the_valley_of_a_camera_that_stands_still_any_start_leads_to_one_optimum() -> None:
     """Zoom, distance and width of the pitch make up for each other where circle and far touchline are seen alone."""
     mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE)
+    mean[PLACE["kappa_1_by_zoom"]] = 0.0  # the lens of these views does not follow the zoom
     sd[PLACE["width"]] = 0.0
     drawn, head, rng = template_curves(template()), np.array([np.log(2600.0), 0.02, 1.38]), np.random.default_rng(3)
     seen = measure_ideal(head, np.array([0.0, -5.0]), 0.0, rng).leave_out(drawn.names.index("side_line_bottom"))
@@ -121,3 +123,14 @@ def test_where_the_camera_is_known_to_stand_its_tripod_stands() -> None:
     assert told.sigma("axis_y") < 0.2 * fit().sigma("axis_y")
     exact = fit(f"camera.position_m={true.tolist()}", "camera.position_sd_m=[0, 0, 0]")
     np.testing.assert_allclose(exact.mean[:3], true, rtol=0, atol=1e-12)
+
+
+def test_the_lens_of_a_tripod_is_expected_as_that_of_a_frame_with_its_focal_length() -> None:
+    camera, kappa, slope = load_config().camera, PLACE["kappa_1"], PLACE["kappa_1_by_zoom"]
+    wide, long = (common_priors(camera, load_config().rig, template(), SIZE, widths)[0] for widths in (1.0, 4.0))
+    assert wide[kappa] == pytest.approx(0.035 - 0.04)
+    assert (wide[slope], long[slope]) == (pytest.approx(0.08), pytest.approx(0.005))
+    assert long[kappa] == pytest.approx(0.035 - 0.04 / 16.0)
+    told = camera.model_copy(update={"k1_mean": 0.03})
+    mean, _ = common_priors(told, load_config().rig, template(), SIZE, 1.0)
+    assert (mean[kappa], mean[slope]) == (0.03, 0.0)
