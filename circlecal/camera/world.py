@@ -93,8 +93,8 @@ class World:
         return with_upright(problem, state, np.hypot(points.sigma_px, relief_px))
 
     def with_any_lens(self, share: float) -> World:
-        """This world before any lens, which a share of all frames have."""
-        return replace(self, share=self.share * share, is_any_lens=True)
+        """This world before any lens, which a share of all frames have, where its own share is that of the others."""
+        return replace(self, share=self.share * share / (1.0 - share), is_any_lens=True)
 
     def curve(self) -> World:
         """This crowned world with a curved profile."""
