@@ -15,6 +15,9 @@ from circlecal.cli import options
 if TYPE_CHECKING:
     from circlecal.evaluation.report import MethodReport, TruthReport
 
+OFFICIAL_SIZE = "960x540"
+"""At which SoccerNet evaluates."""
+
 
 def evaluate(
     truth: Annotated[
@@ -32,7 +35,7 @@ def evaluate(
     ] = 5.0,
     size: Annotated[
         str, typer.Option("--size", metavar="WIDTHxHEIGHT", help="Size at which is evaluated; officially 960x540.")
-    ] = "960x540",
+    ] = OFFICIAL_SIZE,
     pred_size: Annotated[
         str | None,
         typer.Option(
@@ -65,7 +68,11 @@ def evaluate(
     console.configure_logging(quiet=quiet, verbose=verbose)
     methods = _methods(predictions, compare or [])
     chosen, given = options.parse_size(size), options.parse_size(pred_size, "--pred-size")
+    if not math.isfinite(threshold):
+        raise InputError(f"--threshold {threshold}: is no number of pixels")
     if holds_cameras(truth):
+        if size != OFFICIAL_SIZE:
+            raise InputError(f"{truth}: holds cameras, which are compared at 1280x720; leave --size out")
         if central or held_out:
             raise InputError(f"{truth}: holds cameras; --central and --held-out need line annotations")
         against_truth = evaluate_truth(truth, methods, given)

@@ -84,10 +84,11 @@ def read_annotated_points(folder: Path, size: Size) -> dict[str, Annotated]:
     Raises
     ------
     InputError
-        No such folder, no annotation in it, a damaged file or an unknown class.
+        No such folder, no annotation in it, a damaged file or an unknown class, or one frame in two folders.
     """
     files = [path for path in _files(folder, (".json",)) if not path.name.startswith(("camera_", "extremities_"))]
     found: dict[str, Annotated] = {}
+    places = _Places()
     for path in files:
         known, content = open_file(path)
         if known is not soccernet.FORMAT:
@@ -98,10 +99,33 @@ def read_annotated_points(folder: Path, size: Size) -> dict[str, Annotated]:
                 raise InputError(f"{path}: {shape.label}: is no class of SoccerNet; correct its spelling")
             earlier = classes.get(shape.label, np.zeros((0, 2)))
             classes[shape.label] = np.concatenate([earlier, shape.points_px])
+        places.enter(path, path.stem, known.name)
         found[path.stem] = classes
     if not found:
         raise InputError(f"{folder}: holds no line annotation of SoccerNet (<id>.json)")
     return found
+
+
+class _Places:
+    """In which files frames were found: clips whose frames are numbered alike are evaluated one by one."""
+
+    def __init__(self) -> None:
+        self.files: dict[tuple[str, str], Path] = {}
+
+    def enter(self, path: Path, frame_id: str, form: str) -> None:
+        """Note that a file of a format holds a frame.
+
+        Raises
+        ------
+        InputError
+            A file of that format in another folder holds a frame of that name.
+        """
+        earlier = self.files.setdefault((frame_id, form), path)
+        if earlier.parent != path.parent:
+            raise InputError(
+                f"{path}: is of the frame {frame_id}, as {earlier} is; evaluate one folder after the other, or give "
+                "their frames different names"
+            )
 
 
 def holds_cameras(folder: Path) -> bool:
@@ -133,22 +157,26 @@ def read_predictions(folder: Path, size: Size, given_size: Size | None = None) -
     Raises
     ------
     InputError
-        No such folder, no camera in it, or a damaged file.
+        No such folder, no camera in it, a damaged file, or one frame in two folders.
     """
     found: dict[str, Prediction] = {}
+    places = _Places()
     for path in _files(folder, (".json", MATRIX_SUFFIX)):
         known, content = _open(path)
+        more: dict[str, Prediction] = {}
         if known is _TRUTH:
-            found |= _true_camera(path, parse_content(_FrameTruth, path, content.raw), size)
+            more = _true_camera(path, parse_content(_FrameTruth, path, content.raw), size)
         elif known is soccernet_camera.FORMAT:
             keys = parse_content(CameraKeys, path, content.raw)
-            found[path.stem.removeprefix(soccernet_camera.PREFIX)] = Prediction(
-                _soccernet(path, keys, size, given_size)
-            )
+            frame_id = path.stem.removeprefix(soccernet_camera.PREFIX)
+            more = {frame_id: Prediction(_soccernet(path, keys, size, given_size))}
         elif isinstance(known, CameraFormat):
-            found |= _further(known.read(path, content.raw, given_size), size)
+            more = _further(known.read(path, content.raw, given_size), size)
         elif known is RESULT:
-            found |= _own_result(read_result(path), size)
+            more = _own_result(read_result(path), size)
+        for frame_id in more:
+            places.enter(path, frame_id, known.name)
+        found |= more
     for log in _logs(folder):
         for record in read_records(log):
             found |= _own_result(record, size)

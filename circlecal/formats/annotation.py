@@ -39,6 +39,7 @@ from circlecal.formats.format import (
 from circlecal.formats.shapes import AnnotatedFrame, Shape, scale_between
 from circlecal.formats.soccernet import UNKNOWN_CLASSES
 from circlecal.geometry.projective import Array
+from circlecal.names import picture_name
 from circlecal.observations import CircleEdge, CirclePoints, LineEnd, LinePoints, Observations
 from circlecal.records.json_text import model_text
 from circlecal.records.parts import Text
@@ -187,7 +188,7 @@ class Annotation(FileModel):
         """The annotation as other formats and :func:`circlecal.formats.meaning.observe` take it."""
         template = load_template(self.field)
         shapes = tuple(shape for m in self.markings if m.used for shape in _shapes(m, template, nameless))
-        image = None if self.source is None else self.source.replace("\\", "/").rpartition("/")[2]
+        image = None if self.source is None else picture_name(self.id, self.source)
         image = f"{self.id}.jpg" if self.time_s is not None else image
         seen = self.observations(nameless)
         return AnnotatedFrame(self.id, self.width, self.height, shapes, image, observations=seen, field=self.field)

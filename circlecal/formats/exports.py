@@ -310,7 +310,8 @@ def convert(
     if goal.annotations and annotations:
         told = [replace(frame, field=field) for frame in _number(annotations)]
         contents = _annotation_files(told, goal.annotations, folder)
-        _warn_of_losses(told, contents, goal.annotations, template)
+        for loss in list_losses(told, contents, goal.annotations, template):
+            _log.warning("%s", loss)
     elif goal.cameras and cameras:
         contents = _camera_files(_number(cameras), goal.cameras, folder)
     else:
@@ -319,10 +320,13 @@ def convert(
     return _write(contents)
 
 
-def _warn_of_losses(
+def list_losses(
     frames: Sequence[AnnotatedFrame], contents: Mapping[Path, bytes], target: AnnotationFormat, template: FieldTemplate
-) -> None:
-    """Say which markings, edges and points of the field are in frames, and not in the files that were made of them."""
+) -> list[str]:
+    """Which markings, edges and points of the field are in frames, and not in the files that were made of them, one
+    line each.
+    """
+    losses = []
     sizes = [(frame.width, frame.height) for frame in frames]
     files = zip(contents.items(), sizes, strict=False)
     again = [read for (path, content), size in files for read in target.read(path, content, size)]
@@ -330,10 +334,11 @@ def _warn_of_losses(
         said, kept = (_say_what(seen, template, target) for seen in (frame, read))
         lost = sorted(words for what, words in said.items() if what not in kept)
         if lost:
-            _log.warning("%s: %s cannot say %s; left out", frame.id, target.name, ", ".join(lost))
+            losses.append(f"{frame.id}: {target.name} cannot say {', '.join(lost)}; left out")
         drawn = ", ".join(sorted(_say_edges(frame) - _say_edges(read)))
         if drawn:
-            _log.warning("%s: %s cannot say %s; drawn as the middle of the paint", frame.id, target.name, drawn)
+            losses.append(f"{frame.id}: {target.name} cannot say {drawn}; drawn as the middle of the paint")
+    return losses
 
 
 def _say_edges(frame: AnnotatedFrame) -> set[str]:

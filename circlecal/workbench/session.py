@@ -19,7 +19,9 @@ from circlecal.config import Config
 from circlecal.errors import InputError
 from circlecal.field import FieldTemplate
 from circlecal.files import write_atomic
-from circlecal.formats.annotation import Annotation, markings_of
+from circlecal.formats.annotation import FORMAT as WORKBENCH
+from circlecal.formats.annotation import Annotation, annotation_bytes, markings_of
+from circlecal.formats.exports import list_losses
 from circlecal.formats.format import AnnotationFormat
 from circlecal.formats.meaning import observe
 from circlecal.formats.registry import annotation_formats, read_annotations, require_format
@@ -280,16 +282,20 @@ class Session:
         require_format(name, known, "export", "format that can be written")
         target: AnnotationFormat = known[name]
         left_out: list[str] = []
-        frames = [annotation.frame() for annotation in self._annotations(left_out)]
+        own = list(self._annotations(left_out))
+        if name == WORKBENCH.name:
+            return _zip_files(name, {self.store.path(one.id).name: annotation_bytes(one) for one in own}, left_out)
+        left_out += [f"{one.id}: is flagged {_say_flag(one)}; left out" for one in own if one.flag is not None]
+        frames = [one.frame() for one in own if one.flag is None]
         if not frames or target.write is None:
             raise InputError(left_out[0] if left_out else "nothing is annotated yet")
-        if not target.per_frame:
-            return Exported(target.file_name, target.write(frames), left_out)
-        stream = io.BytesIO()
-        with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
-            for frame in frames:
-                archive.writestr(target.file_name.format(id=self.store.path(frame.id).stem), target.write([frame]))
-        return Exported(f"{name}.zip", stream.getvalue(), left_out)
+        if target.per_frame:
+            files = {target.file_name.format(id=self.store.path(f.id).stem): target.write([f]) for f in frames}
+        else:
+            files = {target.file_name: target.write(frames)}
+        contents = {Path(file): content for file, content in files.items()}
+        left_out += list_losses(frames, contents, target, self.template)
+        return _zip_files(name, files, left_out) if target.per_frame else Exported(*files.popitem(), left_out)
 
     def _annotations(self, left_out: list[str]) -> Iterator[Annotation]:
         """Annotations of frames that people annotated; why one cannot be used is added to ``left_out``."""
@@ -338,15 +344,15 @@ class Session:
         return {"taken": taken, "unknown": len(frames) - len(known), "warnings": warnings}
 
     def _read(self, path: Path, numbers: Mapping[str, int]) -> tuple[str, list[AnnotatedFrame]]:
-        """Name of the format and frames of a file; one that does not say how large its picture is has the size of the
-        frame that it is of.
+        """Name of the format and frames of a file; those of which it does not say how large they are have the size of
+        the frame that they are of.
         """
         found, frames = read_annotations(path, UNKNOWN_SIZE)
-        index = numbers.get(frames[0].id) if len(frames) == 1 else None
-        if index is None:
-            return found.name, frames
-        begun = self.open(index).begun
-        return found.name, read_annotations(path, (begun.width, begun.height), found.name)[1]
+        begun = {frame.id: self.open(numbers[frame.id]).begun for frame in frames if frame.id in numbers}
+        sizes = {frame_id: (own.width, own.height) for frame_id, own in begun.items()}
+        of_size = {size: read_annotations(path, size, found.name)[1] for size in set(sizes.values())}
+        placed = [of_size.get(sizes.get(frame.id, UNKNOWN_SIZE), frames)[k] for k, frame in enumerate(frames)]
+        return found.name, placed
 
     def _merge(self, index: int, frame: AnnotatedFrame, source: str) -> tuple[str, ...]:
         """The imported markings in the place of those of the same names; what a person should know of it, one line
@@ -368,8 +374,11 @@ class Session:
             raise InputError(f"{frame.id}: nothing in it is a marking of this field{left_out}")
         names = {marking.name for marking in imported if marking.name is not None}
         measured = [marking.points_px for marking in self.open(index).begun.markings]
+        brought = [marking.points_px for marking in imported]
         kept, clicked = [], []
         for marking in current.markings:
+            if marking.name is None and marking.source == "imported" and marking.points_px in brought:
+                continue  # it comes again
             if marking.name is None or marking.name not in names or not marking.used:
                 kept.append(marking)
             elif marking.source != "imported" and marking.points_px not in measured:
@@ -379,8 +388,30 @@ class Session:
         self.show(index)
         told = [f"{frame.id}: {name}: what was clicked here stays in the list, not used" for name in clicked]
         if current.flag is not None:
-            told.append(f"{frame.id}: stays flagged {current.flag.replace('_', ' ')}; take the flag away to use it")
+            told.append(f"{frame.id}: stays flagged {_say_flag(current)}; take the flag away to use it")
         return (*seen.warnings, *told)
+
+
+def _say_flag(annotation: Annotation) -> str:
+    """What a person said of a frame, in words."""
+    return (annotation.flag or "").replace("_", " ")
+
+
+def _zip_files(name: str, files: Mapping[str, bytes], left_out: list[str]) -> Exported:
+    """Files of single frames in one archive.
+
+    Raises
+    ------
+    InputError
+        There is none.
+    """
+    if not files:
+        raise InputError(left_out[0] if left_out else "nothing is annotated yet")
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        for file, content in files.items():
+            archive.writestr(file, content)
+    return Exported(f"{name}.zip", stream.getvalue(), left_out)
 
 
 def _jpeg(picture: NDArray[np.uint8]) -> bytes:
