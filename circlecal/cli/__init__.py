@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import io
 import os
-import sys
 from collections.abc import Sequence
 
 from circlecal import ONE_THREAD
 from circlecal.cli.ending import exit_after
+from circlecal.cli.streams import prepare_streams, show_all_characters
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -22,9 +21,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")  # a damaged picture is one line of ours
     for name, count in ONE_THREAD.items():
         os.environ.setdefault(name, count)
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # a terminal without a character gets its escape instead
-            stream.reconfigure(errors="backslashreplace")
+    if arguments is None:
+        prepare_streams()
+    show_all_characters()
 
     def run() -> None:
         from circlecal.cli.app import app

@@ -9,16 +9,19 @@ import sys
 from collections.abc import Callable
 from types import FrameType
 
+from circlecal.cli.streams import drop_output
 from circlecal.errors import CirclecalError, InterruptedCommandError
 from circlecal.names import show
 
 _LONGEST_LINE = 2000
 """Characters of an error's line; damaged files may put any length into it."""
+_UNREAD = 128 + 13
+"""Exit code of what SIGPIPE ends, by which shells know that a reader had enough."""
 
 
 def exit_after(run: Callable[[], object], *, is_process: bool) -> None:
     """Run a command and exit: 0 all calibrated, 1 some refused, 2 wrong use or input, 130 interrupted by Ctrl-C or
-    SIGTERM.
+    SIGTERM, 141 where nobody reads the output to its end.
 
     Parameters
     ----------
@@ -30,7 +33,7 @@ def exit_after(run: Callable[[], object], *, is_process: bool) -> None:
     if is_process:
         signal.signal(signal.SIGTERM, _interrupt)
     try:
-        run()
+        _run_to_its_last_line(run)
     except (InterruptedCommandError, KeyboardInterrupt) as interruption:
         if is_process:  # another one ends at once what is still being wound up
             signal.signal(signal.SIGINT, signal.SIG_DFL)
@@ -39,12 +42,25 @@ def exit_after(run: Callable[[], object], *, is_process: bool) -> None:
         sys.exit(130)
     except CirclecalError as error:
         _fail(str(error))
+    except BrokenPipeError:
+        drop_output()
+        sys.exit(_UNREAD)
     except OSError as error:
-        if error.errno == errno.EPIPE:
-            raise
+        drop_output()
         _fail(_describe(error))
     except MemoryError:
         _fail("not enough memory; give smaller pictures or fewer workers")
+
+
+def _run_to_its_last_line(run: Callable[[], object]) -> None:
+    """Run a command and write out what it printed, so that it is here that this fails and not when the process ends."""
+    try:
+        run()
+    except SystemExit as ended:
+        if isinstance(ended.__context__, BrokenPipeError):  # typer and rich make it the exit code of refused frames
+            raise ended.__context__ from None
+        sys.stdout.flush()
+        raise
 
 
 def _describe(error: OSError) -> str:
