@@ -46,6 +46,7 @@ from circlecal.pipeline import Convention, apply_convention, field_of, run_obser
 from circlecal.records.json_text import write_result
 from circlecal.records.parts import MaskRecord
 from circlecal.records.record import ResultRecord
+from circlecal.records.sources import is_another
 from circlecal.records.writing import result_record
 from circlecal.results import FrameCalibration
 from circlecal.stages.mask import require_mask_network
@@ -356,9 +357,11 @@ def write_stage_pictures(
 
 
 def tell_size(record: ResultRecord, frame: PictureFile | FrameOfFile) -> ResultRecord:
-    """The record with the size of the picture's file, by which a later start knows another one of its name."""
-    size = file_size(frame.path) if isinstance(frame, PictureFile) and _is_file(frame) else None
-    if size is None or record.source is None:
+    """The record with the size of the picture's or video's file, by which a later start knows that it has changed."""
+    if not isinstance(frame, PictureFile) or record.source is None:
+        return record
+    size = file_size(frame.path) if _is_file(frame) else frame.bytes
+    if size is None:
         return record
     return record.model_copy(update={"source": record.source.model_copy(update={"bytes": size})})
 
@@ -397,7 +400,7 @@ def picture_of_record(record: ResultRecord) -> PictureFile:
     Raises
     ------
     InputError
-        The video cannot be read.
+        The video cannot be read, or is not the one of which the record is.
     """
     path, time_s = record.path or "", None if record.source is None else record.source.time_s
     if is_url(path):
@@ -405,5 +408,9 @@ def picture_of_record(record: ResultRecord) -> PictureFile:
     file = Path(path)
     if time_s is None:
         return PictureFile(record.id, file, path_in_folder(record.id, file))
+    size = None if record.source is None else record.source.bytes
+    if record.source is not None and is_another(record.source, file):
+        raise InputError(f"{file}: has changed since its frames were calibrated; put the video back, or start over")
     aspect = None if record.image is None else record.image.aspect
-    return PictureFile(record.id, file, record.id, time_s, next(pictures_at(file, [time_s]), None), aspect)
+    picture = next(pictures_at(file, [time_s]), None)
+    return PictureFile(record.id, file, record.id, time_s, picture, aspect, bytes=size)

@@ -10,12 +10,14 @@ from pathlib import Path
 
 from circlecal.batch.learning import LearnedRun, learn_from
 from circlecal.batch.task import FAILED_CODES, F, Task
-from circlecal.files import are_different, file_size
 from circlecal.pictures.files import PictureFile
 from circlecal.pictures.remote import is_url
+from circlecal.pictures.video import clip_of
 from circlecal.records.index import ResultIndex
-from circlecal.records.log import START_OVER, Finished, OtherRunError, ResultLog, read_records
+from circlecal.records.log import Finished, ResultLog, read_records
+from circlecal.records.parts import SourceRecord
 from circlecal.records.record import ResultRow
+from circlecal.records.sources import require_own
 from circlecal.records.summary import write_summary
 
 SUMMARY_NAME = "summary.csv"
@@ -196,26 +198,40 @@ def _drop_frames(log: ResultLog, digest: str, names: Collection[str]) -> None:
 def _require_own(frames: Iterable[F], task: Task[F], log: ResultLog) -> Iterator[F]:
     """The frames, of which none has the name of another one among the first that the folder holds.
 
-    A picture that the folder holds under another name, since others of its name were not yet given, keeps that.
+    A picture that the folder holds under another name, since others of its name were not yet given, keeps that. Videos
+    are compared with all that the folder holds of their names, once.
 
     Raises
     ------
     OtherRunError
-        One has: its file is still there, and is another one.
+        One has: its file is still there, and is another one, or it has changed.
     """
-    first = islice(read_records(log.path, ResultRow), FIRST_ROWS) if len(log.index) > 0 else ()
+    folder, is_taken_up = log.path.parent, len(log.index) > 0
+    clips: dict[str, list[SourceRecord]] | None = None
+    first = islice(read_records(log.path, ResultRow), FIRST_ROWS) if is_taken_up else ()
     rows = {row.id: row.source for row in first if row.source is not None and row.source.path is not None}
     pictures = {_place(row.path): name for name, row in rows.items() if row.time_s is None and row.path is not None}
     for frame in frames:
         row, source = rows.get(frame.id), task.source(frame)
-        if row is not None and row.path is not None:
-            now = None if row.bytes is None else file_size(source)
-            if now != row.bytes if now is not None else are_different(row.path, source):
-                told = "which has changed since" if row.path == source else f"which has the name of {source}"
-                raise OtherRunError(f"{log.path.parent}: holds the result of {row.path}, {told}; {START_OVER}")
-        elif isinstance(frame, PictureFile) and frame.time_s is None and _place(source) in pictures:
+        if isinstance(frame, PictureFile) and frame.time_s is not None:
+            if clips is None:
+                clips = _read_clips(log.path) if is_taken_up else {}
+            for before in clips.pop(clip_of(frame.id), ()):
+                require_own(before, source, folder, "frames")
+        elif row is not None:
+            require_own(row, source, folder, "the result")
+        elif isinstance(frame, PictureFile) and _place(source) in pictures:
             frame = replace(frame, id=pictures[_place(source)])
         yield frame
+
+
+def _read_clips(results: Path) -> dict[str, list[SourceRecord]]:
+    """What the records of each video, by its name, say of their file; mostly all say one thing."""
+    found: dict[str, dict[tuple[str | None, int | None], SourceRecord]] = {}
+    for row in read_records(results, ResultRow):
+        if row.source is not None and row.source.time_s is not None:
+            found.setdefault(clip_of(row.id), {})[row.path, row.source.bytes] = row.source
+    return {name: list(sources.values()) for name, sources in found.items()}
 
 
 def _place(path: str) -> str:

@@ -63,6 +63,8 @@ class PictureFile:
         Width of a pixel over its height, where the file says that it is not 1.
     url : str or None
         Where the picture is fetched from, instead of from ``path``.
+    bytes : int or None
+        Size of the video's file when it was opened; None of a picture.
     """
 
     id: str
@@ -72,6 +74,7 @@ class PictureFile:
     picture: NDArray[np.uint8] | None = field(default=None, compare=False, repr=False)
     aspect: float | None = None
     url: str | None = None
+    bytes: int | None = None
 
     @property
     def stem(self) -> str:

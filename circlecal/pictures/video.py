@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.errors import InputError
-from circlecal.files import require_regular
+from circlecal.files import file_size, require_regular
 from circlecal.pictures.files import PictureFile
 from circlecal.pictures.headers import MIN_SIDE
 from circlecal.pictures.limits import DEFAULT_LIMITS, LimitsConfig
@@ -165,6 +165,8 @@ class Video:
         From the first frame that is shown to the end that the header tells, which may be wrong; 0 where it tells none.
     aspect : float or None
         Width of a pixel over its height, where the file says that it is not 1.
+    bytes : int or None
+        Size of the file when it was opened, by which a later start knows another one of its name.
     """
 
     path: Path
@@ -174,6 +176,7 @@ class Video:
     rate: float
     duration_s: float
     aspect: float | None
+    bytes: int | None = None
 
     @classmethod
     def open(cls, path: Path, name: str, limits: LimitsConfig = DEFAULT_LIMITS) -> Video:
@@ -184,6 +187,7 @@ class Video:
         InputError
             Missing, no video, or one whose frames cannot be decoded.
         """
+        size_bytes = file_size(path)
         with _Decoder(path) as decoder:
             width, height = decoder.size
             size = f"has frames of {width} x {height} pixels"
@@ -192,7 +196,7 @@ class Video:
             if width * height > limits.max_pixels:
                 limit = f"more than {limits.max_pixels / 1e6:g} million"
                 raise InputError(f"{path}: {size}, {limit}; scale it down or raise --max-pixels")
-            return cls(path, name, width, height, decoder.rate, decoder.duration_s, decoder.aspect)
+            return cls(path, name, width, height, decoder.rate, decoder.duration_s, decoder.aspect, size_bytes)
 
     def estimate_count(self, sampling: Sampling) -> int:
         """About how many frames :meth:`frames` will find."""
@@ -216,7 +220,8 @@ class Video:
             time = decoder.go_to(sampling.start_s)
             while time is not None and time < end - _TOLERANCE_S:
                 identifier = frame_id(self.name, time)
-                yield PictureFile(identifier, self.path, identifier, round(time, 6), decoder.picture(), self.aspect)
+                picture, time_s = decoder.picture(), round(time, 6)
+                yield PictureFile(identifier, self.path, identifier, time_s, picture, self.aspect, bytes=self.bytes)
                 if sampling.seconds is not None:
                     count = math.floor((time - sampling.start_s + _TOLERANCE_S) / sampling.seconds) + 1
                     target = sampling.start_s + count * sampling.seconds

@@ -58,8 +58,8 @@ class MaskRecord(RecordPart):
 
 
 class SourceRecord(RecordPart):
-    """Where a frame comes from: its file or address, the size of a picture's file, and its time in a video; ``mask`` is
-    null where none lay beside the picture, and not there where none was looked for.
+    """Where a frame comes from: its file or address, the size of the picture's or video's file, and its time in a video;
+    ``mask`` is null where none lay beside the picture, and not there where none was looked for.
     """
 
     path: Text | None = None

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from circlecal.errors import InputError
-from circlecal.files import is_file
+from circlecal.files import file_size, is_file
 from circlecal.overlay.canvas import Picture
 from circlecal.pictures.files import OVERLAY_SUFFIX, PICTURE_SUFFIXES, read_image
 from circlecal.pictures.video import pictures_at
@@ -36,8 +36,8 @@ class Originals:
     def decode(self, rows: Sequence[FrameRow]) -> Iterator[Picture | None]:
         """Pictures of the frames that come from videos, None for any other; each video is gone through once."""
         for path, of_path in itertools.groupby(rows, key=lambda row: row.path if row.time_s is not None else None):
-            times = [row.time_s or 0.0 for row in of_path]
-            yield from self._of_video(Path(path), times) if path else itertools.repeat(None, len(times))
+            frames = list(of_path)
+            yield from self._of_video(Path(path), frames) if path else itertools.repeat(None, len(frames))
 
     def picture(
         self, row: FrameRow, decoded: Picture | None, size: tuple[int, int] | None
@@ -58,15 +58,19 @@ class Originals:
                 return picture, False
         return _readable(self.results / f"{row.id}{OVERLAY_SUFFIX}"), True
 
-    def _of_video(self, path: Path, times: Sequence[float]) -> Iterator[Picture | None]:
-        found = 0
-        try:
-            for picture in pictures_at(next(filter(is_file, self._find_moved(path)), path), times):
-                found += 1
-                yield picture
-        except InputError as error:
-            _log.info("%s", error)
-        yield from itertools.repeat(None, len(times) - found)
+    def _of_video(self, path: Path, rows: Sequence[FrameRow]) -> Iterator[Picture | None]:
+        video = next(filter(is_file, self._find_moved(path)), path)
+        size, found = file_size(video), 0
+        if size is not None and any(row.bytes not in (None, size) for row in rows):
+            _log.warning("%s: has changed since its frames were calibrated; their pictures are left out", video)
+        else:
+            try:
+                for picture in pictures_at(video, [row.time_s or 0.0 for row in rows]):
+                    found += 1
+                    yield picture
+            except InputError as error:
+                _log.info("%s", error)
+        yield from itertools.repeat(None, len(rows) - found)
 
     def _files(self, row: FrameRow) -> Iterator[Path]:
         if not row.path or row.time_s is not None:

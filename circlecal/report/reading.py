@@ -24,7 +24,8 @@ class FrameRow:
     ``sigma_px`` and ``sigma_m`` are the largest predicted standard deviations near the circle, ``rms_px`` that of the
     fitted ellipse's inliers; None where there is none. ``camera`` and ``alone`` (the verdict before) are those of
     ``circlecal rig``. ``pan_deg`` and ``focal_px`` are the camera's, None for a refused frame, ``shot`` counts the
-    shots of a clip that was tracked, and ``position_m`` is where its camera stands: x, y and height.
+    shots of a clip that was tracked, ``position_m`` is where its camera stands: x, y and height, and ``bytes`` was the
+    size of the picture's or video's file.
     """
 
     id: str
@@ -45,6 +46,7 @@ class FrameRow:
     focal_px: float | None = None
     shot: int | None = None
     position_m: tuple[float, float, float] | None = None
+    bytes: int | None = None
 
     @property
     def gained(self) -> bool:
@@ -163,6 +165,7 @@ def _row(record: ResultRow) -> FrameRow:
         time_ms=summary.time_ms,
         path=record.path,
         time_s=None if source is None else source.time_s,
+        bytes=None if source is None else source.bytes,
         camera=None if rig is None else rig.camera,
         alone=None if rig is None or rig.alone is None else rig.alone.status,
         pan_deg=None if accepted is None else accepted.pan_degrees,

@@ -235,6 +235,7 @@ class VenueFile(_Part):
     field: str
     config_digest: str | None = None
     clip: str | None = None
+    clip_bytes: int | None = None
     paint_bgr: tuple[Finite, Finite, Finite] | None = None
     tripods: list[TripodPart] = []
 
@@ -320,7 +321,12 @@ def read_venue_file(path: Path) -> VenueFile:
 
 
 def write_venue(
-    path: Path, venue: Venue, template: FieldTemplate, config_digest: str | None = None, clip: str | None = None
+    path: Path,
+    venue: Venue,
+    template: FieldTemplate,
+    config_digest: str | None = None,
+    clip: str | None = None,
+    clip_bytes: int | None = None,
 ) -> None:
     """Write a venue file, with a summary for its reader on top.
 
@@ -334,6 +340,8 @@ def write_venue(
         Of the run that found the venue.
     clip : str, optional
         Name of the clip in which it was found.
+    clip_bytes : int, optional
+        Size of the file of that clip.
 
     Raises
     ------
@@ -345,6 +353,7 @@ def write_venue(
         field=venue.field,
         config_digest=config_digest,
         clip=clip,
+        clip_bytes=clip_bytes,
         paint_bgr=venue.paint_bgr,
         tripods=[TripodPart.of(tripod, template) for tripod in venue.tripods],
     )

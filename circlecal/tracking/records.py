@@ -49,6 +49,8 @@ class RecordForm:
         Whether everything that follows from a camera is written out: covariance matrices, derived points, checks.
     aspect : float
         Width of a pixel over its height.
+    bytes : int or None
+        Size of the clip's file, by which a later start knows another one of its name.
     """
 
     template: FieldTemplate
@@ -57,6 +59,7 @@ class RecordForm:
     digest: str
     full: bool = False
     aspect: float = 1.0
+    bytes: int | None = None
 
 
 def record_of_track(frame: TrackedFrame, frame_id: str, source: str, shot: int, form: RecordForm) -> ResultRecord:
@@ -92,7 +95,8 @@ def record_of_track(frame: TrackedFrame, frame_id: str, source: str, shot: int, 
         **({"checks": frame.checks} if form.full else {}),
     }
     numbers = ResultRecord.model_validate_json(to_json(content, inf_nan_mode="null", fallback=_plain))
-    words: dict[str, Any] = {"id": frame_id, "source": SourceRecord(path=source, time_s=frame.time_s)}
+    told: dict[str, Any] = {} if form.bytes is None else {"bytes": form.bytes}
+    words: dict[str, Any] = {"id": frame_id, "source": SourceRecord(path=source, time_s=frame.time_s, **told)}
     if frame.tripod is not None:
         words["rig"] = RigRecord(camera=frame.tripod)
     return numbers.model_copy(update=words | _refusal(frame))

@@ -20,13 +20,15 @@ import numpy as np
 from circlecal.batch import SUMMARY_NAME, BatchProgress
 from circlecal.errors import InputError
 from circlecal.field import FieldTemplate
-from circlecal.files import are_different, is_file
+from circlecal.files import is_file
 from circlecal.pictures.video import Video, clip_of, frame_time
 from circlecal.pipeline import field_of
 from circlecal.records.cameras_table import CAMERAS_NAME, write_cameras
 from circlecal.records.json_text import GIVE_A_RESULT, parse_record
-from circlecal.records.log import START_OVER, Finished, OtherRunError, Place, ResultLog, read_records, scan_records
+from circlecal.records.log import Finished, Place, ResultLog, read_records, scan_records
+from circlecal.records.parts import SourceRecord
 from circlecal.records.record import ResultRecord, ResultRow
+from circlecal.records.sources import require_own
 from circlecal.records.summary import write_summary
 from circlecal.rig.tripod import PLACE, Venue
 from circlecal.rig.venue import VENUE_NAME, read_venue, read_venue_file, write_venue
@@ -46,6 +48,8 @@ from circlecal.tracking.stretches import (
 _log = logging.getLogger(__name__)
 T = TypeVar("T")
 R = TypeVar("R")
+_Sources = dict[tuple[str | None, int | None], SourceRecord]
+"""What the frames of a clip say of its file, by its path and size; mostly all say one thing."""
 
 
 @dataclass(slots=True)
@@ -105,12 +109,14 @@ def run_track(
         for row in log.index.rows():
             report.progress.count(row.status, row.code)
             report.progress.resumed += 1
-        shots, files = _read_clips(out)
-        _require_own_clips(videos, files, out)
+        shots, sources = _read_clips(out)
+        for video in videos:
+            for source in sources.get(video.name, {}).values():
+                require_own(source, video.path, out, "frames")
         paths = {video.name: _venue_path(out, video, len(videos) == 1, restart) for video in videos}
         parts = {video.name: stretches_of(video, run, _last_time_s(log, video)) for video in videos}
         try:
-            before = {} if restart else _venues_before(paths, run)
+            before = {} if restart else _venues_before(videos, paths, run)
             with contextlib.closing(
                 _surveys(videos, parts, before, run, paths, workers, scheduler, on_survey)
             ) as surveys:
@@ -149,28 +155,16 @@ def _venue_path(out: Path, video: Video, is_alone: bool, restart: bool) -> Path:
     return plain if clip in (None, video.name) else own
 
 
-def _read_clips(out: Path) -> tuple[dict[str, int], dict[str, str | None]]:
+def _read_clips(out: Path) -> tuple[dict[str, int], dict[str, _Sources]]:
     """Of each clip in the results by its name: the last shot, and the file."""
     shots: dict[str, int] = {}
-    files: dict[str, str | None] = {}
+    sources: dict[str, _Sources] = {}
     for row in read_records(out, ResultRow):
-        if row.track is not None:
-            shots[clip_of(row.id)], files[clip_of(row.id)] = row.track.shot, row.path
-    return shots, files
-
-
-def _require_own_clips(videos: Sequence[Video], files: Mapping[str, str | None], out: Path) -> None:
-    """A folder holds no frames of another clip with the name of one that is tracked.
-
-    Raises
-    ------
-    OtherRunError
-        It does: the file from which those frames came is still there, and is another one.
-    """
-    for video in videos:
-        before = files.get(video.name) or video.path
-        if are_different(before, video.path):
-            raise OtherRunError(f"{out}: holds frames of {before}, which has the name of {video.path}; {START_OVER}")
+        if row.track is not None and row.source is not None:
+            clip = clip_of(row.id)
+            shots[clip] = row.track.shot
+            sources.setdefault(clip, {})[row.path, row.source.bytes] = row.source
+    return shots, sources
 
 
 def records_in_order(results: Path) -> Iterator[ResultRecord]:
@@ -254,23 +248,26 @@ def _surveys(
             todo.append(video)
     for video, found in zip(todo, _map(partial(survey_video, run), todo, workers, scheduler), strict=True):
         if isinstance(found, Venue):
-            write_venue(paths[video.name], found, field_of(run.config)[0], run.digest, video.name)
+            write_venue(paths[video.name], found, field_of(run.config)[0], run.digest, video.name, video.bytes)
         yield video, found
 
 
-def _venues_before(paths: Mapping[str, Path], run: ClipRun) -> dict[str, Venue]:
+def _venues_before(videos: Sequence[Video], paths: Mapping[str, Path], run: ClipRun) -> dict[str, Venue]:
     """The venues of clips, by their names, that this run found before it was stopped."""
-    found = {clip: _read_venue(path, run, clip) for clip, path in paths.items()}
+    found = {video.name: _read_venue(paths[video.name], run, video) for video in videos}
     return {clip: venue for clip, venue in found.items() if venue is not None}
 
 
-def _read_venue(path: Path, run: ClipRun, clip: str) -> Venue | None:
-    """The venue of a clip that this run wrote before; None where there is none, or one of another run or clip."""
+def _read_venue(path: Path, run: ClipRun, video: Video) -> Venue | None:
+    """The venue of a clip that this run wrote before; None where there is none, or one of another run or clip, or of
+    this clip before it was replaced or written to its end.
+    """
     if not is_file(path):
         return None
     try:
         stored = read_venue_file(path)
-        if (stored.config_digest, stored.clip) == (run.digest, clip):
+        is_of_clip = stored.clip == video.name and stored.clip_bytes in (None, video.bytes)
+        if stored.config_digest == run.digest and is_of_clip:
             return read_venue(path, field_of(run.config)[0])
     except InputError as error:
         _log.warning("%s; it is written again", error)

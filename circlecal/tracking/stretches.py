@@ -102,7 +102,7 @@ class ClipRun:
     def form(self, video: Video) -> RecordForm:
         """What all records of a video have in common."""
         aspect = self.config_of(video).camera.aspect
-        return RecordForm(*field_of(self.config), self.config.seed, self.digest, self.full, aspect)
+        return RecordForm(*field_of(self.config), self.config.seed, self.digest, self.full, aspect, video.bytes)
 
     def config_of(self, video: Video) -> Config:
         """The configuration for the pictures of a video, which may tell that its pixels are not square."""

@@ -1,5 +1,6 @@
 """`circlecal batch` on videos."""
 
+import json
 from fractions import Fraction
 from pathlib import Path
 
@@ -9,7 +10,8 @@ import pytest
 from videos import numbered_picture, write_h264, write_video
 
 from circlecal.cli import main
-from circlecal.records.log import RESULTS_NAME
+from circlecal.pictures.video import Sampling, Video
+from circlecal.records.log import INDEX_NAME, RESULTS_NAME
 
 from .runs import records
 
@@ -36,7 +38,7 @@ def test_a_match_with_a_cut(run_circlecal, in_this_process, match, tmp_path):
     found = {record["id"]: record for record in records(out)}
     assert [found[name]["status"] for name in sorted(found)] == ["calibrated", "refused", "calibrated"]
     assert [found[name]["source"] for name in sorted(found)] == [
-        {"path": str(match), "time_s": float(time)} for time in range(3)
+        {"path": str(match), "time_s": float(time), "bytes": match.stat().st_size} for time in range(3)
     ]
     names = {path.name for path in out.iterdir()}
     assert {"match_00-00-02.000.json", "match_00-00-02.000.overlay.jpg", "coco.json"} <= names
@@ -106,6 +108,43 @@ def test_a_run_in_the_folder_of_its_videos_goes_on(run_circlecal, in_this_proces
     outcome = run_circlecal(*command)
     assert outcome.code == 1 and "(2 from before)" in outcome.err, outcome
     assert len(records(tmp_path)) == 2
+
+
+def test_a_video_that_was_replaced_is_not_gone_on_with(run_circlecal, in_this_process, tmp_path):
+    """Also where other times of it are asked for than before, after a picture, and behind frames of other videos."""
+    cv2.imwrite(str(tmp_path / "c.png"), numbered_picture(0))
+    first, path = write_video(tmp_path / "a.avi", "MJPG", 50), write_video(tmp_path / "b.avi", "MJPG", 50)
+    out = tmp_path / "out"
+    assert run_circlecal("batch", first, path, tmp_path / "c.png", "--out", out, "--workers", 1, "--end", "1").code == 1
+    before = (out / RESULTS_NAME).read_bytes()
+    write_video(path, "MJPG", 75)
+    outcome = run_circlecal("batch", tmp_path / "c.png", path, "--out", out, "--workers", 1, "--start", "1")
+    assert outcome.code == 2
+    assert f"error: {out}: holds frames of {path}, which has changed since; use another --out" in outcome.err
+    assert (out / RESULTS_NAME).read_bytes() == before
+    assert run_circlecal("batch", first, "--out", out, "--workers", 1, "--start", "1").code == 1
+
+
+def test_frames_of_earlier_versions_without_the_size_of_their_video_are_gone_on_with(
+    run_circlecal, in_this_process, tmp_path
+):
+    path, out = write_video(tmp_path / "a.avi", "MJPG", 50), tmp_path / "out"
+    run_circlecal("batch", path, "--out", out, "--workers", 1, "--end", "1")
+    [record] = records(out)
+    del record["source"]["bytes"]
+    (out / RESULTS_NAME).write_text(json.dumps(record) + "\n")
+    (out / INDEX_NAME).unlink()
+    outcome = run_circlecal("batch", path, "--out", out, "--workers", 1)
+    assert outcome.code == 1 and "(1 from before)" in outcome.err, outcome
+
+
+def test_the_size_is_that_of_the_video_when_it_was_opened(tmp_path):
+    """One that is still written to is known as another one at the next start."""
+    path = write_video(tmp_path / "a.avi", "MJPG", 50)
+    video, size = Video.open(path, "a"), path.stat().st_size
+    with path.open("ab") as file:
+        file.write(bytes(100))
+    assert [frame.bytes for frame in video.frames(Sampling.parse("1s"))] == [size, size]
 
 
 def test_a_truncated_video_is_one_line_and_the_rest_goes_on(run_circlecal, in_this_process, tmp_path):

@@ -65,6 +65,18 @@ def test_a_match_in_the_report(tmp_path, video, named, moved):
     assert dict(details(report)[2]["facts"])["file"] == f"{video} at 0:01"
 
 
+def test_a_video_that_was_replaced_is_told_once_and_not_shown(tmp_path, video, named, caplog):
+    size = video.stat().st_size
+    records = [named(f"m{time}", source={"path": str(video), "time_s": time, "bytes": size}) for time in (0.4, 1.0)]
+    assert all(Media.FRAME in has for has in media(written(tmp_path / "run", records)))
+    with video.open("ab") as file:
+        file.write(bytes(100))
+    report = written(tmp_path / "run", records)
+    assert not any(Media.FRAME in has for has in media(report))
+    told = f"{video}: has changed since its frames were calibrated; their pictures are left out"
+    assert [message for message in caplog.messages if "changed" in message] == [told]
+
+
 def test_a_video_that_is_gone_or_none(tmp_path, named):
     broken = tmp_path / "broken.mp4"
     broken.write_bytes(b"no video" * 100)

@@ -241,6 +241,32 @@ def test_another_clip_of_one_name_is_told(tmp_path, engine):
     assert run_track([moved], clip_run(), tmp_path / "out").progress.resumed == 12
 
 
+def test_a_clip_that_was_replaced_is_told(tmp_path, engine):
+    video = open_clip(tmp_path, frames=12)
+    run_track([video], clip_run(), tmp_path / "out")
+    assert {line["source"]["bytes"] for line in lines(tmp_path / "out")} == {video.path.stat().st_size}
+    before = (tmp_path / "out" / "results.jsonl").read_bytes()
+    longer = open_clip(tmp_path, frames=24)
+    with pytest.raises(OtherRunError, match=r"out: holds frames of .*clip.mp4, which has changed since; use another"):
+        run_track([longer], clip_run(), tmp_path / "out")
+    assert (tmp_path / "out" / "results.jsonl").read_bytes() == before
+
+
+@pytest.mark.parametrize("is_told", [True, False])
+def test_a_survey_of_a_clip_before_it_was_replaced_is_made_again(tmp_path, engine, is_told):
+    """Where the run was stopped before the first frame; a survey of an earlier version tells no size, and holds."""
+    out, asked = tmp_path / "out", []
+    run_track([open_clip(tmp_path, frames=12)], clip_run(), out)
+    for name in ("results.jsonl", "results.index"):
+        (out / name).unlink()
+    if not is_told:
+        venue = (out / "venue.yaml").read_text().splitlines(keepends=True)
+        (out / "venue.yaml").write_text("".join(line for line in venue if not line.startswith("clip_bytes")))
+    run_track([open_clip(tmp_path, frames=24)], clip_run(), out, on_survey=asked.append)
+    assert asked == ["clip"] * is_told
+    assert len(lines(out)) == 24
+
+
 def test_starting_over_looks_for_the_cameras_again(tmp_path, engine):
     video, asked = open_clip(tmp_path, frames=12), []
     for restart, surveys in ((False, 1), (False, 1), (True, 2)):
