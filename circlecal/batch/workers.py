@@ -17,12 +17,19 @@ from typing import Any, TypeVar
 from circlecal import ONE_THREAD
 from circlecal.batch.limits import limit_memory
 from circlecal.batch.task import F, Named, Task, finish, limits_of, record_failure
+from circlecal.errors import CirclecalError
 from circlecal.records.log import Finished
 
 _IN_FLIGHT_PER_WORKER = 2
 """Frames that are handed out: one in the works and one that waits, so that no worker idles and memory is small."""
+_STARTS = 2
+"""So often a pool is started before it is said that it cannot be."""
 T = TypeVar("T")
 R = TypeVar("R")
+
+
+class WorkersError(CirclecalError):
+    """Worker processes die, and it is not the frames that they die on."""
 
 
 def finish_on_workers(frames: Iterator[F], task: Task[F], workers: int) -> Generator[Finished]:
@@ -30,7 +37,7 @@ def finish_on_workers(frames: Iterator[F], task: Task[F], workers: int) -> Gener
 
     Raises
     ------
-    RuntimeError
+    WorkersError
         Worker processes cannot be started at all.
     """
     suspects: list[F] = []
@@ -46,13 +53,24 @@ def finish_on_workers(frames: Iterator[F], task: Task[F], workers: int) -> Gener
 
 
 def map_on_workers(function: Callable[[T], R], arguments: Iterable[T], workers: int) -> Generator[R]:
-    """``map(function, arguments)`` by worker processes, in the order of the arguments."""
+    """``map(function, arguments)`` by worker processes, in the order of the arguments.
+
+    Raises
+    ------
+    WorkersError
+        One died.
+    """
     executor = _executor(workers, None)
     try:
         with prepare_surroundings():
             futures = [executor.submit(function, argument) for argument in arguments]
         for future in futures:  # Executor.map would cancel them when closed, which its own thread stumbles over
             yield future.result()
+    except BrokenProcessPool as error:
+        executor.shutdown()
+        raise WorkersError(
+            "a worker process died (killed, or out of memory); run it again, with fewer --workers"
+        ) from error
     except BaseException:
         _stop(executor)
         raise
@@ -66,10 +84,9 @@ def _executor(workers: int, task: Task[Any] | None) -> ProcessPoolExecutor:
 
 def _finish_in_pool(frames: Iterator[F], died: list[F], task: Task[F], workers: int) -> Generator[Finished]:
     """Take frames until there are no more or a worker dies; those then in flight go to ``died``."""
-    executor = _executor(workers, task)
+    executor = _start_workers(workers, task)
     in_flight: dict[Future[Finished], F] = {}
     try:
-        _require_workers(executor)
         more = True
         while more or in_flight:
             while more and len(in_flight) < workers * _IN_FLIGHT_PER_WORKER:
@@ -106,16 +123,32 @@ def _submit(executor: ProcessPoolExecutor, frame: F, in_flight: dict[Future[Fini
     return True
 
 
-def _require_workers(executor: ProcessPoolExecutor) -> None:
-    """Tell a worker that cannot even start from one that died on a frame."""
-    try:
-        with prepare_surroundings():
-            started = executor.submit(os.getpid)
-        started.result()
-    except BrokenProcessPool as error:
-        raise RuntimeError(
-            "worker processes cannot start; a script that calls run_batch needs `if __name__ == '__main__':`"
-        ) from error
+def _start_workers(workers: int, task: Task[Any]) -> ProcessPoolExecutor:
+    """A pool whose first worker has started, which tells one that cannot even start from one that died on a frame: what
+    kills a worker once, such as a machine short of memory, need not do so again.
+
+    Raises
+    ------
+    WorkersError
+        It died twice.
+    """
+    for _ in range(_STARTS):
+        executor = _executor(workers, task)
+        try:
+            with prepare_surroundings():
+                started = executor.submit(os.getpid)
+            started.result()
+        except BrokenProcessPool:
+            executor.shutdown()
+        except BaseException:
+            _stop(executor)
+            raise
+        else:
+            return executor
+    raise WorkersError(
+        "worker processes die as they start (killed, or out of memory); run the same command again, with fewer "
+        "--workers; a script that calls run_batch needs `if __name__ == '__main__':`"
+    )
 
 
 @contextlib.contextmanager

@@ -58,7 +58,7 @@ class MaskRecord(RecordPart):
 
 
 class SourceRecord(RecordPart):
-    """Where a frame comes from: its file or address, the size of the picture's or video's file, and its time in a video;
+    """Where a frame comes from: its file or address, the size of the picture's or video's file, its time in a video;
     ``mask`` is null where none lay beside the picture, and not there where none was looked for.
     """
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import logging
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -18,6 +17,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from circlecal.batch import SUMMARY_NAME, BatchProgress
+from circlecal.batch.workers import WorkersError
 from circlecal.errors import InputError
 from circlecal.field import FieldTemplate
 from circlecal.files import is_file
@@ -130,7 +130,7 @@ def run_track(
             writer = _Writer(log, shots, report.progress, on_progress)
             _track_all(known, run, workers, scheduler, writer, on_note, on_error)
             log.require_in_place()
-        except BrokenProcessPool as error:
+        except WorkersError as error:
             died = "a worker process died (out of memory, or a damaged file)"
             raise InputError(f"{died}; run the same command again to go on, or with --workers 1") from error
         finally:

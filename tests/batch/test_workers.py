@@ -1,15 +1,18 @@
 """Ctrl-C while workers are started: kept for this process, kept from them."""
 
 import multiprocessing
+import os
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
-from circlecal.batch.workers import map_on_workers, prepare_surroundings
+from circlecal.batch import workers
+from circlecal.batch.workers import WorkersError, map_on_workers, prepare_surroundings
 
-from .runs import PATIENCE_S, SURROUNDINGS, paint, wait_for
+from .runs import PATIENCE_S, SURROUNDINGS, assert_every_frame_once, paint, wait_for
 
 INTERRUPT_AT_A_HAND_OVER = """
 import os, signal, sys
@@ -103,3 +106,36 @@ def test_no_hand_over_of_a_frame_loses_ctrl_c(at, tmp_path):
     )
     assert run.returncode == 130, run
     assert run.stderr.splitlines()[-1] == "circlecal: interrupted; the same command goes on"
+
+
+def die_as_it_starts(task):
+    """Start a worker, of which the first ones die as if killed."""
+    starts, deaths = Path(os.environ["STARTS_OF_WORKERS"]), int(os.environ["DEATHS_OF_WORKERS"])
+    with starts.open("a") as file:
+        file.write("x")
+    if len(starts.read_text()) <= deaths:
+        os._exit(1)
+    workers._start_worker(task)
+
+
+@pytest.mark.parametrize("deaths", [1, 100])
+def test_workers_that_are_killed_as_they_start(run_circlecal, monkeypatch, tmp_path, deaths):
+    """One is started anew; where that does not help, it is one line, and nothing is lost."""
+    monkeypatch.setattr(workers, "_start_worker", die_as_it_starts)
+    monkeypatch.setenv("STARTS_OF_WORKERS", str(tmp_path / "starts"))
+    monkeypatch.setenv("DEATHS_OF_WORKERS", str(deaths))
+    command = "batch", paint(tmp_path / "frames", 3), "--out", tmp_path / "out", "--workers", 1
+    outcome = run_circlecal(*command)
+    if deaths > 1:
+        assert outcome.code == 2, outcome
+        [told] = [line for line in outcome.err.splitlines() if "error" in line]
+        assert told.startswith("circlecal: error: worker processes die as they start")
+        monkeypatch.setenv("DEATHS_OF_WORKERS", "0")
+        outcome = run_circlecal(*command)
+    assert outcome.code == 1 and "worker_died" not in (tmp_path / "out" / "results.jsonl").read_text()
+    assert_every_frame_once(tmp_path / "out", 3)
+
+
+def test_a_mapping_worker_that_dies_is_told_in_one_line():
+    with pytest.raises(WorkersError, match="a worker process died"):
+        list(map_on_workers(os._exit, [1], 1))
