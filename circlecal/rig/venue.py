@@ -51,9 +51,16 @@ _LEAST_SD = 1e-6
 """Added to what is known exactly, metres, radians and pixels, so that the covariance can be inverted: far below what a
 picture shows.
 """
+_FAR_SD = 3.0
+"""Standard deviations that hardly anything lies beside what is known of it."""
 DEGREES = 180.0 / np.pi
 _MOST = 1e9
 """Metres, pixels or radians: far more than anything around a pitch has, and its powers are finite still."""
+
+_WIDEST_SD, _SIZE_SLACK = 5.0, 0.2
+"""A pitch is within so many standard deviations of its template's size, or within what the rules allow, give or take
+this share of it: more than grounds differ and surveys err.
+"""
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
@@ -263,12 +270,35 @@ def read_venue(path: Path, template: FieldTemplate) -> Venue:
     Raises
     ------
     InputError
-        Unreadable, damaged, or of another field: one line with the file, the key and the mend.
+        Unreadable, damaged, of another field, or with a pitch of a size that the field cannot have: one line with the
+        file, the key and the mend.
     """
     content = read_venue_file(path)
     if content.field != template.name:
-        raise InputError(f"{path}: field: is {content.field}, not {template.name}; give its --field")
+        mend = "give its --field"
+        if content.field not in field_names():
+            mend = f"give its --field as a file, if it is your own; known: {', '.join(field_names())}"
+        raise InputError(f"{path}: field: is {content.field}, not {template.name}; {mend}")
+    for number, tripod in enumerate(content.tripods):
+        _require_sizes(f"{path}: tripods.{number}.parameters", tripod, template)
     return Venue(content.field, tuple(tripod.estimate(template) for tripod in content.tripods), content.paint_bgr)
+
+
+def _require_sizes(where: str, tripod: TripodPart, template: FieldTemplate) -> None:
+    """See that a pitch is about as long and as broad as its field can be; fields of one size are that size.
+
+    Raises
+    ------
+    InputError
+        It is not, with the parameter after ``where``.
+    """
+    spreads = template.length_sd_m, template.width_sd_m
+    for name, extent, sd in zip(("pitch_length_m", "pitch_width_m"), template.extents, spreads, strict=True):
+        low, high = extent.range_m or (extent.size_m - _WIDEST_SD * sd, extent.size_m + _WIDEST_SD * sd)
+        low, high, size = low * (1.0 - _SIZE_SLACK), high * (1.0 + _SIZE_SLACK), tripod.parameters[name].mean
+        if not low <= size <= high:
+            told = f"{where}.{name}: is {size:g}, and {template.name} has {low:.3g} to {high:.3g} m"
+            raise InputError(f"{told}; correct it, or the file's field")
 
 
 def choose_field(path: Path, chosen: FieldConfig, named: str | None) -> str | None:
@@ -422,6 +452,16 @@ def prior_of_tripod(tripod: TripodEstimate) -> SharedPrior:
         covariance=covariance,
         deviation_sd=thetas.std(axis=0)[at],
     )
+
+
+def describe_changes(known: TripodEstimate, found: TripodEstimate) -> str:
+    """The parameters of a tripod, as the file names them, that are more than three of the standard deviations that are
+    stated of them from where they were known, farthest first, with how many; empty where none is.
+    """
+    sd = np.sqrt(np.diag(known.covariance))
+    away = np.abs(np.divide(found.mean - known.mean, sd, out=np.zeros_like(sd), where=sd > 0.0))
+    order = [int(k) for k in np.argsort(-away) if away[k] > _FAR_SD]
+    return ", ".join(f"{FILE_NAMES[k]} by {away[k]:.1f}" for k in order)
 
 
 def _offsets(template: FieldTemplate) -> Array:

@@ -16,6 +16,7 @@ from circlecal.geometry.surface import Surface
 from circlecal.pipeline import field_of
 from circlecal.rig.positions import group_positions
 from circlecal.rig.tripod import TripodEstimate, Venue
+from circlecal.rig.venue import describe_changes
 from circlecal.tracking.anchors import Anchor
 from circlecal.tracking.closer_look import learn_closely
 from circlecal.tracking.first_look import (
@@ -128,6 +129,7 @@ def survey_clip(
                 measured = [frame.measured for frame in members]
                 prior = priors_of_frames(config, template, tripod.size, measured, tripod.model.log_focal)
                 extended = _learn_from(tripod, extended, own, members, prior, drawn)
+            _note_changes(tripod, extended)
             tripods.append(extended)
         return Venue(template.name, tuple(tripods), paint)
     starts = _tripods(alone, config, template, circle, drawn)
@@ -141,6 +143,16 @@ def survey_clip(
         learn_closely(t, grown[t.name][1], pictures, pictures_at, config, drawn, usual, period_s) for t in distinct
     ]
     return Venue(template.name, tuple(_keep_distinct(learnt)), paint)
+
+
+def _note_changes(known: TripodEstimate, found: TripodEstimate) -> None:
+    """Say so where a clip has a camera other than it was told: the camera was moved, or somebody changed a value that
+    others in the file go with.
+    """
+    changes = describe_changes(known, found)
+    if changes:
+        mend = "if you changed a value by hand, delete correlation there"
+        _log.warning("%s: is not as the venue says: %s of its standard deviations; %s", found.name, changes, mend)
 
 
 def _learn_from(

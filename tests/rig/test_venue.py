@@ -14,7 +14,15 @@ from circlecal.errors import InputError
 from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import theta_of
 from circlecal.rig.tripod import COMMON, PLACE, PaintersShare, Venue
-from circlecal.rig.venue import choose_field, prior_of_tripod, read_venue, read_venue_file, venue_settings, write_venue
+from circlecal.rig.venue import (
+    choose_field,
+    describe_changes,
+    prior_of_tripod,
+    read_venue,
+    read_venue_file,
+    venue_settings,
+    write_venue,
+)
 from tests.tracking.scripted import tripod
 
 SOCCER = load_field("soccer")
@@ -109,6 +117,16 @@ def test_lengths_are_absolute(file):
         (("venue_version: 1", "venue_version: 7"), "venue_version is 7; this version reads 1"),
         (("venue_version: 1", "version: 1"), "is no venue: venue_version is missing"),
         (("field: soccer", "field: futsal"), "field: is futsal, not soccer"),
+        (
+            ("field: soccer", "field: nosuch"),
+            "field as a file, if it is your own; known: australian-",
+        ),
+        (
+            ("pitch_length_m: {mean: 103.5", "pitch_length_m: {mean: -103.5"),
+            "tripods.0.parameters.pitch_length_m: is -103.5",
+        ),
+        (("pitch_length_m: {mean: 103.5", "pitch_length_m: {mean: 10.0"), "and soccer has 72 to 144 m; correct it"),
+        (("pitch_width_m: {mean: 6", "pitch_width_m: {mean: 2"), "tripods.0.parameters.pitch_width_m: is 2"),
         (("lever_m:", "arm_m:"), "tripods.0: parameters.arm_m is unknown"),
         (("name: camera-1", "name: camera 1"), "tripods.0.name: String should match"),
         (("field: soccer", "field: soccer\nsport: ball"), "sport: is unknown"),
@@ -126,6 +144,36 @@ def test_damage_is_told_in_one_line(file, change, told):
     with pytest.raises(InputError) as error:
         read_venue(file, SOCCER)
     assert told in str(error.value) and str(file) in str(error.value) and "\n" not in str(error.value)
+
+
+def test_a_size_must_be_one_of_the_field(tmp_path):
+    """Also where the rules name no range, and where all fields are of one size."""
+    path = tmp_path / "venue.yaml"
+    for name, is_one in (("basketball-nba", False), ("soccer-any", True), ("futsal", False)):
+        write_venue(path, Venue(name, (tripod(),)), SOCCER)
+        if is_one:
+            assert read_venue(path, load_field(name)).tripods
+        else:
+            with pytest.raises(InputError, match=r"tripods\.0\.parameters\.pitch_length_m: is 103\.5, and " + name):
+                read_venue(path, load_field(name))
+
+
+def test_a_file_may_be_without_its_correlation(file):
+    """Which is deleted with a value that a person has changed."""
+    head, rest = file.read_text().split("  correlation:\n", 1)
+    file.write_text(head + rest[rest.index("  painters:") :])
+    (found,) = read_venue(file, SOCCER).tripods
+    np.testing.assert_allclose(found.covariance, np.diag(np.diag(tripod().covariance)), rtol=1e-9, atol=1e-18)
+
+
+def test_what_lies_beside_what_was_known_is_described():
+    known = tripod()
+    sd = np.sqrt(np.diag(known.covariance))
+    away = np.zeros(len(COMMON))
+    away[[PLACE["axis_y"], PLACE["length"], PLACE["lever"]]] = 3.5, -12.0, 2.9
+    found = replace(known, mean=known.mean + away * sd)
+    assert describe_changes(known, found) == "pitch_length_m by 12.0, axis_y_m by 3.5"
+    assert describe_changes(known, known) == ""
 
 
 def test_a_correlation_must_be_one(file):

@@ -50,6 +50,21 @@ def test_what_is_known_of_a_camera_stays_known(monkeypatch: pytest.MonkeyPatch) 
     assert (np.sqrt(np.diag(found.covariance)[:3]) < 0.01 + 1e-6).all()
 
 
+def test_a_camera_that_ends_beside_what_the_venue_says_is_told(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(survey, "ROUNDS", 1)
+    monkeypatch.setattr(survey, "learn_closely", lambda extended, *_: extended)
+    pictures = [draw(HEAD + np.array([0.0, 0.004 * k, 0.0]), np.random.default_rng(k)) for k in range(2)]
+    known = tripod()
+    sd = np.sqrt(np.diag(known.covariance))
+    for sigmas, told in ((2.0, []), (4.0, ["camera-1: is not as the venue says: axis_y_m by 4.0 of its standard dev"])):
+        moved = replace(known, mean=known.mean + sigmas * sd * (np.arange(len(COMMON)) == 1))
+        monkeypatch.setattr(survey, "_learn_from", lambda *_, moved=moved: moved)
+        survey_clip(lambda times: iter(pictures[: len(times)]), 1.2, load_config(), Venue("soccer", (known,)))
+        assert [message[: len(told[0])] if told else message for message in caplog.messages] == told
+
+
 def test_what_all_frames_are_off_alike_does_not_make_a_known_camera_surer(monkeypatch: pytest.MonkeyPatch) -> None:
     calls = []
 
