@@ -27,6 +27,8 @@ the annotations of a season some tens.
 """
 _MOST_NAME_BYTES = 100
 """Of a file's name that the temporary file beside it repeats; file systems take 255 bytes."""
+_TEMPORARY = ".circlecal-"
+"""In the name of a temporary file, between that of its target and what makes it unique."""
 
 
 def file_size(path: str | Path) -> int | None:
@@ -353,11 +355,12 @@ def replacement(path: Path) -> Iterator[Path]:
         One line with the file and what the system said; the old file, if any, is untouched.
     """
     temporary: Path | None = None
+    held: int | None = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=f".{_short_name(path)}.", dir=path.parent)
-        os.close(handle)
+        held, name = tempfile.mkstemp(prefix=f".{_short_name(path)}{_TEMPORARY}", dir=path.parent)
         temporary = Path(name)
+        held = _hold(held)
         yield temporary
         temporary.chmod(0o666 & ~_umask())
         temporary.replace(path)
@@ -367,6 +370,46 @@ def replacement(path: Path) -> Iterator[Path]:
         if temporary is not None:
             with contextlib.suppress(OSError):
                 temporary.unlink()
+        if held is not None:
+            os.close(held)
+
+
+def _hold(descriptor: int) -> int | None:
+    """Lock a new temporary file, by which others know that it is in use; None after closing it where there are no such
+    locks.
+    """
+    is_locked = False
+    with contextlib.suppress(OSError):
+        is_locked = lock_file(descriptor)
+    if not is_locked:
+        os.close(descriptor)
+    return descriptor if is_locked else None
+
+
+def lock_file(descriptor: int) -> bool:
+    """Lock an open file until it is closed or its process ends; False on systems that cannot.
+
+    Raises
+    ------
+    OSError
+        Another process has it, or the file system knows no locks.
+    """
+    try:
+        import fcntl
+    except ImportError:  # not on Windows
+        return False
+    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    return True
+
+
+def remove_left_over(folder: Path) -> None:
+    """Take away the temporary files that killed processes left in a folder; those of living ones are locked."""
+    with contextlib.suppress(OSError), os.scandir(folder) as entries:
+        for entry in entries:
+            if entry.name.startswith(".") and _TEMPORARY in entry.name and entry.is_file(follow_symlinks=False):
+                with contextlib.suppress(OSError), open_regular(entry.path) as descriptor:
+                    if lock_file(descriptor):
+                        Path(entry.path).unlink()
 
 
 def _short_name(path: Path) -> str:
@@ -402,10 +445,20 @@ def prepare_folder(out: Path, option: str = "--out") -> Path:
         probe.touch()
         probe.unlink()
     except FileExistsError as error:
-        raise InputError(f"{out}: is a file, not a folder; choose another {option}") from error
+        raise folder_error(out, error, option) from error
     except (OSError, ValueError) as error:
         raise write_error(out, error, option) from error
+    remove_left_over(out)
     return out
+
+
+def folder_error(folder: Path, error: FileExistsError, option: str = "--out") -> OutputError:
+    """The error for a folder that cannot be made, since something else has its name or that of a folder above it."""
+    there = Path(error.filename or folder)
+    if not there.is_symlink():
+        return OutputError(f"{there}: is a file, not a folder; choose another {option}")
+    told = f"is a link to {there.readlink()}, and no such folder can be reached"
+    return OutputError(f"{there}: {told}; make that folder, remove the link, or choose another {option}")
 
 
 def _umask() -> int:

@@ -26,6 +26,10 @@ if TYPE_CHECKING:
     from circlecal.pictures.video import Sampling, Video
 
 
+_TOLD = 3
+"""So many frames are told of a run in which none can be read."""
+
+
 def batch(
     inputs: Annotated[
         list[str],
@@ -133,6 +137,8 @@ def batch(
     run = replace(run, out=out if files else None, annotations=annotations or out / ANNOTATION_FOLDER)
     counts = _calibrate(work, run, out, workers=workers, scheduler=scheduler, restart=restart, quiet=quiet)
     refused, final = counts.refused, out
+    if not quiet and counts.finished == counts.unreadable > 0:
+        _note_unreadable(out)
     if files and not quiet and counts.resumed == counts.finished > 0 and not any(out.glob("*.json")):
         console.print_note(f"{out}: its frames were done before, without files of their own; --restart writes them")
     if not rig or not as_json:
@@ -271,6 +277,18 @@ def _write_further(
         export_records(read_records(out), exports.into(out), template, circle, annotated, convention, told)
     if exports.parquet:
         write_parquet(read_records(out), out / PARQUET_NAME)
+
+
+def _note_unreadable(out: Path) -> None:
+    """Say why the first frames cannot be read, where a run has no other: the results are not worth a look."""
+    from itertools import islice
+
+    from circlecal.cli import console
+    from circlecal.records.log import read_records
+    from circlecal.records.record import ResultRow
+
+    for row in islice(read_records(out, ResultRow), _TOLD):
+        console.print_note(str(row.reason))
 
 
 def _print_counts(counts: BatchProgress, results: Path, *, as_json: bool, quiet: bool) -> None:

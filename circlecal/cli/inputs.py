@@ -230,9 +230,30 @@ def choose_frames_and_videos(
         if not videos:  # in a folder of videos lies what was written of them
             raise
         frames = []
-    ids = url_names(named.urls, [frame.id for frame in frames])
-    frames += [PictureFile(name, Path(name), name, url=url) for name, url in zip(ids, named.urls, strict=True)]
+    urls = _urls_of_pictures(named, report)
+    ids = url_names(urls, [frame.id for frame in frames])
+    frames += [PictureFile(name, Path(name), name, url=url) for name, url in zip(ids, urls, strict=True)]
     return frames, videos
+
+
+def _urls_of_pictures(named: Inputs, report: Callable[[Exception], None]) -> list[str]:
+    """The URLs among what is named, without those of videos, which are reported.
+
+    Raises
+    ------
+    InputError
+        Nothing but URLs of videos is named.
+    """
+    from circlecal.errors import InputError
+    from circlecal.pictures.inputs import VIDEO_SUFFIXES
+
+    videos = [url for url in named.urls if url.lower().endswith(VIDEO_SUFFIXES)]
+    for url in videos:
+        error = InputError(f"{url}: is the URL of a video; save the video, and give its file")
+        if len(named.urls) == len(videos) and not named.paths and not named.videos:
+            raise error
+        report(error)
+    return [url for url in named.urls if url not in videos]
 
 
 def note_late_start(videos: Sequence[Video], sampling: Sampling) -> None:

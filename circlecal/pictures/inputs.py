@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import re
 from collections.abc import Collection, Iterator, Sequence
@@ -9,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from circlecal.errors import InputError
-from circlecal.files import exists, is_folder, open_regular, read_text, real_path
+from circlecal.files import exists, is_folder, list_folder, open_regular, read_text, real_path
 from circlecal.pictures.files import PICTURE_SUFFIXES, natural_order, walk
 from circlecal.pictures.remote import is_url, require_url
 
@@ -96,10 +97,25 @@ def _expand(text: str, within: bool = False) -> Iterator[Path | str]:
         except (OSError, ValueError, RecursionError, re.error) as error:
             raise InputError(f"{given}: is no pattern of files: {error}") from error
         if not found:
+            _require_readable(given)
             raise InputError(f"{given}: no file fits this pattern")
         yield from found
     else:
         yield given
+
+
+def _require_readable(pattern: Path) -> None:
+    """See that the folder in which the files of a pattern lie can be read, since a search takes it for an empty one.
+
+    Raises
+    ------
+    InputError
+        It cannot.
+    """
+    fixed = itertools.takewhile(lambda part: not _PATTERN.search(part), pattern.parts[:-1])
+    folder = Path(*fixed)
+    if is_folder(folder):
+        list_folder(folder)
 
 
 def _read_list(path: Path, within: bool) -> Iterator[Path | str]:
@@ -138,7 +154,7 @@ def _find_sequence(given: Path) -> Iterator[Path]:
     digits = f"[0-9]{{{width},{_LONGEST_NUMBER}}}"
     before, after = given.name[: match.start()], given.name[match.end() :]
     fitting = re.compile(f"{re.escape(before)}({digits}){re.escape(after)}")
-    found = [(int(fits[1]), path) for path in given.parent.iterdir() if (fits := fitting.fullmatch(path.name))]
+    found = [(int(fits[1]), path) for path in list_folder(given.parent) if (fits := fitting.fullmatch(path.name))]
     if not found:
         raise InputError(f"{given}: no file fits this sequence")
     yield from (path for _, path in sorted(found))

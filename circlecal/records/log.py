@@ -15,7 +15,18 @@ from types import TracebackType
 from typing import Self, overload
 
 from circlecal.errors import InputError
-from circlecal.files import is_file, is_folder, list_folder, read_file, read_lines, replacement, write_error
+from circlecal.files import (
+    folder_error,
+    is_file,
+    is_folder,
+    list_folder,
+    lock_file,
+    read_file,
+    read_lines,
+    remove_left_over,
+    replacement,
+    write_error,
+)
 from circlecal.records.index import ResultIndex
 from circlecal.records.json_text import (
     GIVE_A_RESULT,
@@ -34,6 +45,7 @@ _APPEND = os.O_RDWR | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0)
 _SYNC_SECONDS = 1.0
 _ROWS_AT_ONCE = 1000
 _MEND = "mend or remove it, or run the same command again"
+_MEND_LINE = "mend or remove that line, or start the run over with --restart"
 _GIVE = "give the folder that circlecal batch, track or calibrate wrote"
 
 _log = logging.getLogger(__name__)
@@ -94,13 +106,14 @@ class ResultLog:
             folder.mkdir(parents=True, exist_ok=True)
             self._descriptor = os.open(self.path, _APPEND, 0o666)
         except FileExistsError as error:
-            raise InputError(f"{folder}: is a file, not a folder; choose another --out") from error
+            raise folder_error(folder, error) from error
         except OSError as error:
             raise write_error(self.path, error) from error
         status = os.fstat(self._descriptor)
         self._identity = status.st_dev, status.st_ino
         try:
             self._lock()
+            remove_left_over(folder)
             self.index = ResultIndex(folder / INDEX_NAME)
             if restart:
                 os.ftruncate(self._descriptor, 0)
@@ -122,11 +135,7 @@ class ResultLog:
 
     def _lock(self) -> None:
         try:
-            import fcntl
-        except ImportError:  # not on Windows
-            return
-        try:
-            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock_file(self._descriptor)
         except OSError as error:
             raise InputError(f"{self.path}: another run is writing to it; wait for it or use another --out") from error
 
@@ -211,7 +220,7 @@ class ResultLog:
             return None
         try:
             require_single_keys(line, "")
-            record = parse_record(line, ResultRow, "", "mend or remove that line, or start over with --restart")
+            record = parse_record(line, ResultRow, "", _MEND_LINE)
         except InputError as error:
             raise InputError(f"{self.path}, line {self._line_number(start)}{error}") from error
         self._require(str(record.config_digest), digest)
@@ -382,6 +391,6 @@ def _scan_log(log: Path, model: type[Record]) -> Iterator[tuple[Place, Record]]:
         place = Place(log, number, start, len(line))
         start += len(line)
         if line.endswith(b"\n"):
-            yield place, parse_record(line, model, str(place), _MEND)
+            yield place, parse_record(line, model, str(place), _MEND_LINE)
         else:
             _log.warning("%s: left out the torn last line", log)

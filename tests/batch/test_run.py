@@ -414,6 +414,35 @@ def test_a_damaged_line_in_the_middle_is_an_error(tmp_path):
         log.take_up(digest)
 
 
+def test_a_damaged_line_that_the_index_covers_is_told_with_a_mend_that_works(run_circlecal, in_this_process, tmp_path):
+    frames, out = paint(tmp_path / "frames", 3), tmp_path / "out"
+    command = "batch", frames, "--out", out, "--workers", 1
+    run_circlecal(*command)
+    first, second, third = (out / RESULTS_NAME).read_bytes().splitlines(keepends=True)
+    damaged = b"x" * (len(second) - 1) + b"\n"
+    (out / RESULTS_NAME).write_bytes(first + damaged + third)
+    outcome = run_circlecal(*command)
+    assert outcome.code == 2
+    assert "results.jsonl, line 2: is no result" in outcome.err
+    assert outcome.err.endswith("; mend or remove that line, or start the run over with --restart\n")
+    (out / RESULTS_NAME).write_bytes(first + third)
+    assert run_circlecal(*command).code == 1
+    assert_every_frame_once(out, 3)
+    (out / RESULTS_NAME).write_bytes(first + damaged + third)
+    assert run_circlecal(*command, "--restart").code == 1
+    assert_every_frame_once(out, 3)
+
+
+def test_why_nothing_can_be_read_is_told(run_circlecal, in_this_process, frame_file, tmp_path):
+    broken = frame_file.with_name("broken.png")
+    broken.write_bytes(b"no picture")
+    outcome = run_circlecal("batch", broken, "--out", tmp_path / "one", "--workers", 1)
+    assert outcome.code == 1
+    assert f"circlecal: {broken}: is no JPEG, PNG" in outcome.err
+    outcome = run_circlecal("batch", broken, frame_file, "--out", tmp_path / "two", "--workers", 1)
+    assert outcome.code == 1 and "is no JPEG" not in outcome.err
+
+
 def test_a_key_that_is_given_twice_in_a_line_is_named(tmp_path):
     digest = config_digest(Config())
     good = json.dumps({"schema_version": 1, "id": "a", "status": "refused", "config_digest": digest})

@@ -53,6 +53,17 @@ def test_pictures_of_a_server(run_circlecal, in_this_process, served, frame_file
     assert found["good"]["H_image_field"] == records(tmp_path / "local")[0]["H_image_field"]
 
 
+def test_a_video_of_a_server_is_to_be_saved(run_circlecal, in_this_process, served, tmp_path):
+    for url in (f"{served}/match.mp4", "file:///match.MP4"):
+        outcome = run_circlecal("batch", url, "--out", tmp_path / "out", "--workers", 1)
+        assert outcome.code == 2
+        assert outcome.err == f"circlecal: error: {url}: is the URL of a video; save the video, and give its file\n"
+    outcome = run_circlecal(
+        "batch", f"{served}/match.mp4", f"{served}/good.png", "--out", tmp_path / "out", "--workers", 1
+    )
+    assert outcome.code == 2 and outcome.out.startswith("1 frame: 1 calibrated"), outcome
+
+
 def test_a_url_with_another_protocol(frame_file):
     pytest.importorskip("fsspec", reason="the extra distributed is not installed")
     assert read_url(frame_file.as_uri()) == frame_file.read_bytes()

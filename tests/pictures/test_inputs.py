@@ -30,6 +30,24 @@ def test_a_pattern(tmp_path):
         names(tmp_path, "x*.jpg")
 
 
+def test_a_pattern_in_a_folder_that_cannot_be_read(tmp_path, monkeypatch):
+    """A search passes over it in silence; a user with all rights is refused nothing, so it is played here."""
+    touch(tmp_path, "shut/deep/f1.jpg")
+    plain = Path.iterdir
+
+    def refuse(folder):
+        if folder.name == "shut":
+            raise PermissionError(13, "Permission denied", str(folder))
+        return plain(folder)
+
+    monkeypatch.setattr(Path, "iterdir", refuse)
+    for pattern in ("shut/g*.jpg", "shut/*/g.jpg", "shut/f%04d.png"):
+        with pytest.raises(InputError, match="shut: cannot be read: Permission denied; check its permissions"):
+            names(tmp_path, pattern)
+    with pytest.raises(InputError, match="no file fits this pattern"):
+        names(tmp_path, "open/*.jpg")
+
+
 def test_a_file_whose_name_looks_like_a_pattern(tmp_path):
     touch(tmp_path, "f[1].jpg", "f1.jpg", "f%02d.jpg")
     assert names(tmp_path, "f[1].jpg", "f%02d.jpg") == ["f[1].jpg", "f%02d.jpg"]
