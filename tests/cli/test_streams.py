@@ -56,10 +56,10 @@ def test_notes_that_cannot_be_written_end_no_run(blank_file, tmp_path):
 
 
 @needs_posix
-def test_notes_that_nobody_reads_end_no_run(blank_file, tmp_path):
+def test_notes_that_nobody_reads_end_no_run(frame_file, tmp_path):
     out = tmp_path / "out"
-    ended = run_in_shell(f"{COMMAND} batch {blank_file} --out {out} --workers 1 2>&1 >/dev/null | true")
-    assert ended.returncode == 1
+    ended = run_in_shell(f"{COMMAND} batch {frame_file} --out {out} --workers 1 2>&1 >/dev/null | true")
+    assert ended.returncode == 0
     assert (out / "summary.csv").is_file()
 
 
