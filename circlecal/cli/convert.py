@@ -65,9 +65,14 @@ def convert(
     chosen = options.choose_config(None, settings, field)
     template, _ = field_of(chosen)
     files = find_convertible(inputs, from_format, out)
-    for path in convert_files(files, from_format, to, out, template, options.parse_size(size), chosen.field.template):
+    failures: list[InputError] = []
+    told = from_format, to, out, template, options.parse_size(size), chosen.field.template, failures
+    for path in convert_files(files, *told):
         if not quiet:
             console.print_line(str(path))
+    if failures:
+        others = "" if len(failures) == 1 else f" ({len(failures)} files like this; the first is named)"
+        raise InputError(f"{failures[0]}{others}; the other files are converted")
 
 
 def _write_label_set(program: str, out: Path, settings: list[str] | None, field: str | None, *, quiet: bool) -> None:

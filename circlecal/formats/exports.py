@@ -18,7 +18,7 @@ from circlecal.formats.annotation import draw_measured
 from circlecal.formats.cameras import CalibratedFrame, CameraFrame, Size, as_size
 from circlecal.formats.format import AnnotationFormat, CameraFormat
 from circlecal.formats.inputs import FrameOfFile
-from circlecal.formats.meaning import SourcesConfig, observe
+from circlecal.formats.meaning import SourcesConfig, observe, sure_shapes
 from circlecal.formats.registry import (
     RESULT,
     annotation_formats,
@@ -286,10 +286,12 @@ def convert(
     template: FieldTemplate,
     size: Size | None = None,
     field: str = "soccer",
+    failures: list[InputError] | None = None,
 ) -> list[Path]:
     """Rewrite files in another format of their kind, and results as cameras; formats of one file get all frames.
 
-    What a format cannot say is left out with a warning. ``field`` names the template, or its file.
+    What a format cannot say is left out with a warning. ``field`` names the template, or its file. Where there is a
+    list for ``failures``, files that cannot be read are entered there, and the others go on.
 
     Raises
     ------
@@ -299,16 +301,25 @@ def convert(
     goal = _Goal(target, _writable_annotations().get(target), camera_formats().get(target), template, size)
     frames: list[AnnotatedFrame | CameraFrame] = []
     for path in paths:
-        held = _read_frames(path, source, goal)
+        try:
+            held = _read_frames(path, source, goal)
+        except InputError as error:
+            if failures is None:
+                raise
+            failures.append(error)
+            continue
         if not held:
             _log.warning("%s: holds no accepted frame; left out", path)
         frames += held
+    if failures and not frames:
+        raise failures[0]
     annotations = [frame for frame in frames if isinstance(frame, AnnotatedFrame)]
     cameras = [frame for frame in frames if isinstance(frame, CameraFrame)]
     if annotations and cameras:
         raise InputError(f"{paths[0]}: annotations and cameras together; convert one kind at a time")
     if goal.annotations and annotations:
-        told = [replace(frame, field=field) for frame in _number(annotations)]
+        named = _number(annotations) if goal.annotations.holds_confidence else _drop_confidences(_number(annotations))
+        told = [replace(frame, field=field) for frame in named]
         contents = _annotation_files(told, goal.annotations, folder)
         for loss in list_losses(told, contents, goal.annotations, template):
             _log.warning("%s", loss)
@@ -318,6 +329,20 @@ def convert(
         raise InputError(f"{paths[0]}: holds no accepted frame; nothing to convert")
     _require_apart(contents, paths)
     return _write(contents)
+
+
+def _drop_confidences(frames: Sequence[AnnotatedFrame]) -> list[AnnotatedFrame]:
+    """The frames for a format that knows no confidences: without detections that are too doubtful to be used, or that
+    were computed from others.
+    """
+    kept, doubtful = [], 0
+    for frame in frames:
+        shapes = sure_shapes(frame, SourcesConfig())
+        doubtful += len(frame.shapes) - len(shapes)
+        kept.append(replace(frame, shapes=shapes))
+    if any(shape.confidence is not None for frame in frames for shape in frame.shapes):
+        _log.warning("confidences cannot be said; %d doubtful or computed detections are left out", doubtful)
+    return kept
 
 
 def list_losses(

@@ -145,6 +145,8 @@ class AnnotationFormat(OutsideFormat):
         Standard deviation of a point, pixels at 1920 px width, where the configuration has no other.
     marks_line_ends : bool
         Whether people mark where straight lines end.
+    holds_confidence : bool
+        Whether points are as sure as a network said.
     draws_measured : bool
         Whether a refused frame is written with what was measured in it, for people to go on from.
     requires : callable or None
@@ -156,6 +158,7 @@ class AnnotationFormat(OutsideFormat):
     derive: Callable[[CalibratedFrame, Mapping[str, Any] | None], AnnotatedFrame] | None = None
     sigma_px: float = 1.5
     marks_line_ends: bool = False
+    holds_confidence: bool = False
     draws_measured: bool = False
     requires: Callable[[FieldTemplate], object] | None = None
     kind: ClassVar[Kind] = "annotation"

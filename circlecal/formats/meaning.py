@@ -163,6 +163,18 @@ def add_halfway_ends(observations: Observations, template: FieldTemplate) -> Obs
     return replace(observations, keypoints=(*observations.keypoints, *found))
 
 
+def sure_shapes(frame: AnnotatedFrame, sources: SourcesConfig) -> tuple[Shape, ...]:
+    """The shapes of a frame that :func:`observe` uses by their confidence."""
+    computed = any(shape.kind == "line" and shape.confidence is not None for shape in frame.shapes)
+
+    def is_sure(shape: Shape) -> bool:
+        is_point = shape.kind == "points"
+        least = sources.minimum_keypoint_confidence if is_point else sources.minimum_line_confidence
+        return min(shape.confidence or (1.0,)) >= least and not _is_computed_from_lines(shape, computed)
+
+    return tuple(shape for shape in frame.shapes if is_sure(shape))
+
+
 def _is_computed_from_lines(shape: Shape, lines_given: bool) -> bool:
     number = pnlcalib.keypoint_number(shape.label)
     if number is None or not lines_given:

@@ -257,5 +257,6 @@ FORMAT = AnnotationFormat(
     derive=derive,
     file_name="{id}.json",
     sigma_px=2.5,
+    holds_confidence=True,
     requires=keypoint_table,
 )

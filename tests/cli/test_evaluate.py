@@ -179,3 +179,26 @@ def test_damaged_cameras_and_wrong_use(run_circlecal, folders, tmp_path):
     outcome = run_circlecal("evaluate", truth, exact)
     assert outcome.code == 2
     assert "x_focal_length" in outcome.err
+
+
+def test_frames_of_one_name_in_two_folders_are_not_mixed(run_circlecal, folders, tmp_path):
+    truth, exact, _ = folders
+    for folder in (truth, exact):
+        first, second = folder / "clip-a", folder / "clip-b"
+        first.mkdir()
+        for path in list(folder.glob("*.json")):
+            path.rename(first / path.name)
+        shutil.copytree(first, second)
+    told = run_circlecal("evaluate", truth, exact)
+    assert (told.code, "as " in told.err, "one folder after the other" in told.err) == (2, True, True)
+    assert "clip-b" in told.err
+    told = run_circlecal("evaluate", truth / "clip-a", exact)
+    assert (told.code, "camera_0.json: is of the frame 0" in " ".join(told.err.split())) == (2, True)
+    assert run_circlecal("evaluate", truth / "clip-a", exact / "clip-a").code == 0
+
+
+def test_a_size_and_a_threshold_that_count_for_nothing_are_refused(run_circlecal, folders, run_of_samples):
+    truth, exact, _ = folders
+    told = run_circlecal("evaluate", exact, exact, "--size", "1920x1080")
+    assert (told.code, "leave --size out" in told.err) == (2, True)
+    assert "--threshold" in run_circlecal("evaluate", truth, exact, "--threshold", "inf").err

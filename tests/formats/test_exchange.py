@@ -180,6 +180,35 @@ def test_what_a_format_cannot_say_is_told(soccer, tmp_path, caplog):
     assert [message.replace("view.labelme:", "view:") for message in caplog.messages] == [told]
 
 
+def test_doubtful_detections_are_left_out_where_no_confidence_can_be_said(soccer, tmp_path, caplog):
+    found = {
+        str(number): {"x": 0.1 + 0.02 * number, "y": 0.5, "p": p} for number, p in ((1, 0.9), (2, 0.05), (31, 0.8))
+    }
+    source = tmp_path / "view.json"
+    source.write_text(json.dumps({"kp": found, "lines": {}}))
+    for target, count in (("coco", 2), ("pnlcalib", 3)):
+        (written,) = convert([source], "pnlcalib", target, tmp_path / target, soccer, (960, 540))
+        _, (frame,) = read_annotations(written, (960, 540))
+        assert sum(len(shape.points_px) for shape in frame.shapes) == count
+    told = [message for message in caplog.messages if "confidences" in message]
+    assert told == ["confidences cannot be said; 1 doubtful or computed detections are left out"]
+
+
+def test_files_that_cannot_be_read_beside_others_are_told_at_the_end(soccer, tmp_path):
+    shape = Shape("Middle line", "line", np.array([[480.0, 10.0], [470.0, 500.0]]))
+    for name in ("a", "c"):
+        (tmp_path / f"{name}.json").write_bytes(
+            labelme.write([AnnotatedFrame(name, 960, 540, (shape,), f"{name}.jpg")])
+        )
+    (tmp_path / "b.json").write_text("{")
+    paths, failures = sorted(tmp_path.glob("*.json")), []
+    (written,) = convert(paths, None, "coco", tmp_path / "out", soccer, failures=failures)
+    assert len(read_annotations(written, None)[1]) == 2
+    assert [str(failure).startswith(str(tmp_path / "b.json")) for failure in failures] == [True]
+    with pytest.raises(InputError, match=r"b\.json"):
+        convert(paths, None, "coco", tmp_path / "out", soccer)
+
+
 @pytest.mark.parametrize("target", ["cvat", "workbench"])
 def test_edges_of_the_paint_that_a_format_cannot_say_are_told(soccer, tmp_path, caplog, target):
     angle = np.linspace(0.0, 5.0, 9)

@@ -6,11 +6,12 @@ import zipfile
 from io import BytesIO
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from circlecal.config import Config
 from circlecal.errors import InputError
-from circlecal.formats.annotation import AnnotatedMarking, Annotation, find_annotation
+from circlecal.formats.annotation import AnnotatedMarking, Annotation, annotation_bytes, find_annotation
 from circlecal.pictures.video import Sampling
 from circlecal.workbench import session as module
 from circlecal.workbench.frames import list_frames, take_part
@@ -153,3 +154,48 @@ def test_two_servers_on_one_folder_never_save_over_each_other(tmp_path):
             thread.join()
         assert sorted(outcomes) == ["newer", "saved"]
     assert sorted(path.name for path in tmp_path.iterdir()) == [LOCK_NAME, "x.json"]
+
+
+def circles_of(width, names):
+    """A COCO file of pictures without a size, with a circle in each."""
+    angle = [0.1 * k for k in range(40)]
+    ring = [v for a in angle for v in (width * (0.5 + 0.2 * np.cos(a)), width * (0.28 + 0.1 * np.sin(a)))]
+    shape = {"category_id": 1, "segmentation": [ring]}
+    return {
+        "images": [{"id": k, "file_name": f"{stem}.png"} for k, stem in enumerate(names, start=1)],
+        "annotations": [{"id": k, "image_id": k, **shape} for k in range(1, len(names) + 1)],
+        "categories": [{"id": 1, "name": "centre_circle"}],
+    }
+
+
+def test_frames_of_a_file_that_does_not_say_how_large_they_are_have_their_own_sizes(folder, tmp_path):
+    session = begin(tmp_path, folder)
+    told = session.take_in("two.json", json.dumps(circles_of(960, ["good", "open"])).encode())
+    assert told["taken"] == 2
+    for name in ("good", "open"):
+        (circle,) = [m for m in session.annotation(number_of(session, name)).markings if m.source == "imported"]
+        assert np.ptp(circle.points, axis=0)[0] == pytest.approx(0.4 * 960, rel=0.02)
+
+
+def test_the_workbench_exports_what_its_files_hold_and_no_flagged_frame_elsewhere(folder, tmp_path):
+    for name in ("good", "open"):
+        annotate(tmp_path, name)
+    session = begin(tmp_path, folder)
+    before = session.annotation(number_of(session, "open"))
+    session.store.save(before.model_copy(update={"flag": "no_field", "note": "dark"}), before.revision)
+    with zipfile.ZipFile(BytesIO(session.export("workbench").content)) as archive:
+        assert archive.read("open.json") == (tmp_path / "open.json").read_bytes()
+    found = session.export("coco")
+    assert found.left_out == ["open: is flagged no field; left out"]
+    assert [Path(image["file_name"]).stem for image in json.loads(found.content)["images"]] == ["good"]
+
+
+def test_a_nameless_line_that_is_imported_again_is_there_once(folder, tmp_path):
+    annotate(tmp_path, "good")
+    session = begin(tmp_path, folder / "good.png")
+    before = session.annotation(0)
+    line = before.markings[0].model_copy(update={"name": None, "kind": "line"})
+    content = annotation_bytes(before.model_copy(update={"markings": [*before.markings, line]}))
+    for _ in range(3):
+        session.take_in("good.json", content)
+    assert [marking.name for marking in session.annotation(0).markings].count(None) == 1
