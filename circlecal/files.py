@@ -14,6 +14,7 @@ import hashlib
 import os
 import stat
 import tempfile
+import time
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 
@@ -29,6 +30,8 @@ _MOST_NAME_BYTES = 100
 """Of a file's name that the temporary file beside it repeats; file systems take 255 bytes."""
 _TEMPORARY = ".circlecal-"
 """In the name of a temporary file, between that of its target and what makes it unique."""
+_LEFT_OVER_S = 60.0
+"""Age from which on a temporary file that nobody has locked was left over: one is locked a moment after it is made."""
 
 
 def file_size(path: str | Path) -> int | None:
@@ -403,12 +406,13 @@ def lock_file(descriptor: int) -> bool:
 
 
 def remove_left_over(folder: Path) -> None:
-    """Take away the temporary files that killed processes left in a folder; those of living ones are locked."""
+    """Take away the temporary files that killed processes left in a folder; those of living ones are new or locked."""
     with contextlib.suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:
             if entry.name.startswith(".") and _TEMPORARY in entry.name and entry.is_file(follow_symlinks=False):
                 with contextlib.suppress(OSError), open_regular(entry.path) as descriptor:
-                    if lock_file(descriptor):
+                    is_old = os.fstat(descriptor).st_mtime < time.time() - _LEFT_OVER_S
+                    if is_old and lock_file(descriptor):
                         Path(entry.path).unlink()
 
 

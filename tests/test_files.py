@@ -1,5 +1,6 @@
 """Files that appear whole or not at all: what killed processes leave of them, and folders that cannot be made."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -34,7 +35,11 @@ def test_what_killed_processes_left_is_taken_away_and_nothing_else(tmp_path, tak
         (tmp_path / name).touch()
     leave_half_of(tmp_path / "overlay.mp4")
     [left] = tmp_path.glob(".overlay.mp4.circlecal-*")
+    take_up(tmp_path)
+    assert left.exists(), "may be new, and not locked yet"
     with replacement(tmp_path / "report.html") as temporary:
+        for path in (left, temporary):
+            os.utime(path, (0.0, 0.0))
         take_up(tmp_path)
         assert temporary.is_file(), "is still written to"
         temporary.write_text("whole")
