@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-import os
 from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import cv2
+
 from circlecal.errors import InputError
-from circlecal.files import is_file, open_regular
+from circlecal.files import is_file, read_file
 from circlecal.formats.cameras import Size
 from circlecal.formats.format import MAX_SHAPES, AnnotationFormat, CameraFormat, Content, Format, OutsideFormat
 from circlecal.formats.shapes import AnnotatedFrame
-from circlecal.pictures.files import PICTURE_SUFFIXES
+from circlecal.pictures.files import PICTURE_SUFFIXES, decode
 from circlecal.pictures.headers import read_header
+from circlecal.pictures.limits import DEFAULT_LIMITS
 
 MODULES = (
     *("annotation", "tvcalib", "soccernet_camera", "gamestate_camera", "gamestate", "coco", "labelme", "pnlcalib"),
@@ -25,7 +27,6 @@ MODULES = (
 any object of lists may be SoccerNet's, so its line annotation is the last."""
 RESULT = Format(name="circlecal", recognises=lambda c: c.mapping.keys() >= {"schema_version", "status", "image"})
 """A result file of circlecal itself, which becomes cameras."""
-_HEADER_BYTES = 1 << 20
 
 
 @cache
@@ -142,10 +143,22 @@ def picture_beside(path: Path, image: str | None = None) -> Path | None:
 
 
 def size_beside(path: Path) -> Size | None:
-    """Size of the picture of the same name in the same folder, read off its header."""
+    """Size of the picture of the same name in the same folder as it is shown, turned as its EXIF orientation says; None
+    where there is none that can be decoded.
+    """
     picture = picture_beside(path)
     if picture is None:
         return None
-    with open_regular(picture) as descriptor:
-        header = read_header(os.read(descriptor, _HEADER_BYTES))
-    return None if header is None else (header.width, header.height)
+    content = read_file(picture)
+    header = read_header(content)
+    if header is None:
+        return None
+    if header.format != "TIFF" and b"exif" not in content.lower():
+        return header.width, header.height
+    if header.decoded_bytes > DEFAULT_LIMITS.max_decoded_bytes:
+        return None
+    try:  # the header has the size before the turn, and the decoder alone knows whether it turns the picture
+        height, width = decode(picture, content, cv2.IMREAD_GRAYSCALE).shape[:2]
+    except InputError:
+        return None
+    return width, height

@@ -1,9 +1,11 @@
 """Recognition by content, and every kind of broken file: one line that names the file and the field."""
 
 import json
+import struct
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -142,14 +144,24 @@ def test_missing_and_empty_files(tmp_path):
 
 
 def test_the_size_of_a_picture_beside_the_file(files, frame_image):
-    import cv2
-
     path = files["soccernet"].rename(files["soccernet"].with_name("a.json"))
     with pytest.raises(InputError, match="--size"):
         read_annotations(path)
     cv2.imwrite(str(path.with_name("a.png")), frame_image)
     assert read_annotations(path)[1][0].width == 960
     assert read_annotations(path, (100, 100))[1][0].width == 100
+
+
+@pytest.mark.parametrize(("orientation", "size"), [(1, (960, 540)), (3, (960, 540)), (6, (540, 960))])
+def test_the_size_of_a_picture_that_is_turned_by_its_exif_orientation(files, frame_image, orientation, size):
+    """A wrong camera would come out calibrated: the picture is shown turned, and so it was clicked."""
+    path = files["soccernet"].rename(files["soccernet"].with_name("a.json"))
+    encoded = cv2.imencode(".jpg", frame_image)[1].tobytes()
+    exif = b"Exif\0\0II*\0\x08\0\0\0" + struct.pack("<HHHIHH", 1, 0x0112, 3, 1, orientation, 0) + b"\0" * 4
+    content = encoded[:2] + b"\xff\xe1" + struct.pack(">H", len(exif) + 2) + exif + encoded[2:]
+    path.with_name("a.jpg").write_bytes(content)
+    (frame,) = read_annotations(path)[1]
+    assert (frame.width, frame.height) == size
 
 
 @pytest.mark.parametrize("target", ["soccernet", "extremities", "coco", "cvat", "labelstudio", "labelme"])
