@@ -4,7 +4,7 @@
 (``keypoints``: x, y, visibility of each; ``segmentation``: polygons). Pixels count from 0 at the centre of the first
 one, so they are ours; a keypoint with visibility 0 is not there. COCO knows neither lines nor arcs: a polygon is read
 as points on the marking that its category names, and lines are written so (a line of two points as a polygon with its
-end doubled). A refused frame stands among the images without an annotation.
+end doubled). A box alone is left out. A refused frame has what was measured in it.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from circlecal.formats.format import (
     Side,
     json_bytes,
     parse_content,
+    require_distinct,
     require_size,
     stem_of,
 )
@@ -59,6 +60,12 @@ class _Annotation(FileModel):
     category_id: int
     keypoints: _Numbers = Field([])
     segmentation: list[_Numbers] | dict[str, Any] = Field([])
+    bbox: Any = None
+
+    @property
+    def is_box(self) -> bool:
+        """Whether it says no more than where something is."""
+        return bool(self.bbox) and not self.keypoints and not self.segmentation
 
 
 class _Dataset(FileModel):
@@ -76,6 +83,8 @@ def read(path: Path, content: bytes, size: Size | None) -> list[AnnotatedFrame]:
         No COCO file, or one that contradicts itself.
     """
     dataset = parse_content(_Dataset, path, content)
+    require_distinct(path, "categories.{}.id", [category.id for category in dataset.categories])
+    require_distinct(path, "images.{}.id", [image.id for image in dataset.images])
     categories = {category.id: category for category in dataset.categories}
     images = {image.id: image for image in dataset.images}
     shapes: dict[int, list[Shape]] = defaultdict(list)
@@ -86,6 +95,9 @@ def read(path: Path, content: bytes, size: Size | None) -> list[AnnotatedFrame]:
         if category is None or annotation.image_id not in images:
             missing = "category_id" if category is None else "image_id"
             raise InputError(f"{where}.{missing}: {getattr(annotation, missing)} is not in the file")
+        if annotation.is_box:
+            told = f"{category.name!r} is a box, neither keypoints nor a polygon; left out"
+            warnings[annotation.image_id].append(f"{where}.bbox: {told}")
         shapes[annotation.image_id] += _keypoints(annotation, category, where)
         if isinstance(annotation.segmentation, dict):
             warnings[annotation.image_id].append(f"{where}.segmentation: is a mask, not a polygon; left out")

@@ -112,6 +112,9 @@ def _points(text: str, where: str) -> Array:
 
 def _ellipse(element: ElementTree.Element, where: str) -> Array:
     cx, cy, rx, ry = (_number(element, key, where) for key in ("cx", "cy", "rx", "ry"))
+    for key, radius in (("rx", rx), ("ry", ry)):
+        if radius <= 0:
+            raise InputError(f"{where}: {key}: {radius:g} is no radius of an ellipse; it must be greater than 0")
     turn = math.radians(_number(element, "rotation", where)) if element.get("rotation") else 0.0
     center = np.array([cx, cy]) - _CORNER
     first = rx * np.array([math.cos(turn), math.sin(turn)])

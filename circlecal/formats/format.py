@@ -242,6 +242,21 @@ def require_size(path: Path, *known: Size | tuple[int | None, int | None] | None
     raise InputError(f"{path}: does not say how large the picture is; give --size WIDTHxHEIGHT")
 
 
+def require_distinct(path: Path, field: str, keys: Sequence[object]) -> None:
+    """See that no two entries of a list have one key; ``field`` names both, with ``{}`` for the place in the list.
+
+    Raises
+    ------
+    InputError
+        Two have.
+    """
+    seen: set[object] = set()
+    for number, key in enumerate(keys):
+        if key in seen:
+            raise InputError(f"{path}: {field.format(number)}: {key} is given twice; give each its own")
+        seen.add(key)
+
+
 def stem_of(name: str) -> str:
     """Name of a picture without folders and suffix, whichever system wrote it, fit to be that of a file."""
     base = name.replace("\\", "/").rstrip("/").rpartition("/")[2]

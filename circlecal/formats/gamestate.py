@@ -22,6 +22,7 @@ from circlecal.formats.format import (
     FileModel,
     Side,
     parse_content,
+    require_distinct,
     require_size,
     stem_of,
 )
@@ -62,6 +63,7 @@ def read(path: Path, content: bytes, size: Size | None) -> list[AnnotatedFrame]:
         No such file, one that contradicts itself, or the size of the pictures is not known.
     """
     labels = parse_content(_Labels, path, content)
+    require_distinct(path, "images.{}.image_id", [image.image_id for image in labels.images])
     lines: dict[FrameKey, list[dict[str, list[ClassPoint]]]] = defaultdict(list)
     known = {image.image_id for image in labels.images}
     for number, annotation in enumerate(labels.annotations):

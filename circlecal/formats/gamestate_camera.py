@@ -20,6 +20,7 @@ from circlecal.formats.format import (
     json_bytes,
     parse_content,
     parse_value,
+    require_distinct,
     require_size,
     stem_of,
 )
@@ -52,6 +53,7 @@ def read(path: Path, content: bytes, size: Size | None) -> list[CameraFrame]:
         No such file, one that contradicts itself, or the size of the pictures is not known.
     """
     labels = parse_content(_Labels, path, content)
+    require_distinct(path, "images.{}.image_id", [image.image_id for image in labels.images])
     names = distinct_names([stem_of(image.file_name) for image in labels.images])
     images = {image.image_id: (name, image) for name, image in zip(names, labels.images, strict=True)}
     frames = []

@@ -160,6 +160,33 @@ def test_coco_keypoints_that_are_not_there():
             coco.read(FILE, json_bytes(broken), None)
 
 
+def test_a_coco_box_alone_is_told(seen):
+    dataset = json.loads(coco.write([seen]))
+    count = len(dataset["annotations"])
+    dataset["annotations"].append({"id": 9, "image_id": 1, "category_id": 2, "bbox": [1, 2, 30, 40], "segmentation": []})
+    (frame,) = coco.read(FILE, json_bytes(dataset), None)
+    assert len(frame.shapes) == len(seen.shapes)
+    told = f"marks.json: annotations.{count}.bbox: 'Circle central' is a box, neither keypoints nor a polygon; left out"
+    assert frame.warnings == (told,)
+
+
+@pytest.mark.parametrize("kind", ["images", "categories"])
+def test_coco_ids_that_are_given_twice(seen, kind):
+    """Two pictures would each get the markings of both."""
+    dataset = json.loads(coco.write([seen, replace(seen, id="other", image="other.jpg")]))
+    dataset[kind][1]["id"] = 1
+    with pytest.raises(InputError, match=rf"marks\.json: {kind}\.1\.id: 1 is given twice"):
+        coco.read(FILE, json_bytes(dataset), None)
+
+
+@pytest.mark.parametrize("radius", ["-5", "0"])
+def test_cvat_radii_are_greater_than_zero(radius):
+    ellipse = f'<ellipse label="Circle central" cx="50" cy="50" rx="{radius}" ry="9"/>'
+    content = f'<annotations><image name="a.jpg" width="100" height="100">{ellipse}</image></annotations>'
+    with pytest.raises(InputError, match=f"image 'a.jpg': Circle central: rx: {radius} is no radius"):
+        cvat.read(FILE, content.encode(), None)
+
+
 def test_derived_points_and_tangents_for_every_tool(calibrated, frame_camera, close):
     frame = derive_shapes(calibrated)
     points = {s.label: s.points_px[0] for s in frame.shapes if s.kind == "points"}

@@ -8,7 +8,7 @@ import pytest
 
 from circlecal.config import load_config
 from circlecal.errors import InputError
-from circlecal.formats import gamestate_camera
+from circlecal.formats import gamestate, gamestate_camera
 from circlecal.formats.cameras import CameraFrame
 from circlecal.formats.exports import Exports, convert
 from circlecal.formats.meaning import SourcesConfig, observe, read_observations
@@ -49,6 +49,15 @@ def test_frames_with_and_without_lines(tmp_path, soccer):
     assert frames[1].shapes == ()
     seen = read_observations(written(tmp_path, content), soccer, SourcesConfig())[0].observations
     assert seen.circles[0].circle == "centre_circle"
+
+
+@pytest.mark.parametrize("source", ["annotation", "camera"])
+def test_an_image_id_that_is_given_twice(tmp_path, source):
+    images = [{"image_id": "3001", "file_name": f"00000{k}.jpg", "width": 1920, "height": 1080} for k in (1, 2)]
+    path = written(tmp_path, labels({"Side line top": []}, images=images))
+    read = gamestate.read if source == "annotation" else gamestate_camera.read
+    with pytest.raises(InputError, match=r"Labels-GameState\.json: images\.1\.image_id: 3001 is given twice"):
+        read(path, path.read_bytes(), None)
 
 
 def test_a_class_of_one_point_is_left_out_with_a_warning(tmp_path, soccer):
