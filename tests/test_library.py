@@ -418,6 +418,15 @@ def test_points_that_are_none(points, part):
         circlecal.calibrate_points(**{"size": (960, 540), **points})
 
 
+def test_only_of_an_unknown_name_the_known_ones_are_told():
+    with pytest.raises(InputError, match=r"moon: is no marking of the field 'soccer'; known: centre_circle, "):
+        circlecal.calibrate_points(size=(960, 540), keypoints={"moon": [480, 270]})
+    with pytest.raises(
+        InputError, match=r"centre_mark: point 1 of 1 at \(1000000, 270\) lies more than 20 pictures away$"
+    ):
+        circlecal.calibrate_points(size=(960, 540), keypoints={"centre_mark": [1e6, 270]})
+
+
 def test_too_few_points_are_refused():
     calibration = circlecal.calibrate_points(size=(960, 540), keypoints={"centre_mark": [480, 270]})
     assert not calibration.ok and calibration.help

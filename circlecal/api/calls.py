@@ -21,7 +21,7 @@ from circlecal.files import is_file
 from circlecal.formats.annotation import Annotation
 from circlecal.formats.cameras import as_size
 from circlecal.formats.inputs import observations_beside, observe_network
-from circlecal.formats.meaning import REFERENCE_WIDTH_PX, names_a_point, observe
+from circlecal.formats.meaning import NO_MARKING, REFERENCE_WIDTH_PX, names_a_point, observe
 from circlecal.formats.shapes import AnnotatedFrame, Shape
 from circlecal.geometry.projective import PointsLike
 from circlecal.observations import Keypoint, Observations, join_observations
@@ -491,8 +491,9 @@ def observe_points(
     sources = config.sources.model_copy(update={"sigma_px": {"points": sigma * REFERENCE_WIDTH_PX / width}})
     observed = observe(AnnotatedFrame("points", width, height, tuple(shapes)), template, sources, "points", "points")
     if observed.warnings:
+        told = observed.warnings[0].removesuffix("; left out")
         names = ", ".join(e.name for e in (*template.circles, *template.arcs, *template.lines, *template.marks))
-        raise InputError(f"{observed.warnings[0].removesuffix('; left out')}; known: {names}")
+        raise InputError(f"{told}; known: {names}" if NO_MARKING in told else told)
     return join_observations(observed.observations, Observations(width, height, keypoints=tuple(keypoints)))
 
 

@@ -20,6 +20,7 @@ from circlecal.errors import InputError, explain_problem
 from circlecal.field import FieldTemplate
 from circlecal.files import read_file
 from circlecal.formats.cameras import CalibratedFrame, CameraFrame, CameraModel, Size
+from circlecal.formats.picture_paths import picture_path
 from circlecal.formats.shapes import AnnotatedFrame
 from circlecal.records.json_text import RepeatedKeyError, load_json, validate_json
 
@@ -259,7 +260,7 @@ def require_distinct(path: Path, field: str, keys: Sequence[object]) -> None:
 
 def stem_of(name: str) -> str:
     """Name of a picture without folders and suffix, whichever system wrote it, fit to be that of a file."""
-    base = name.replace("\\", "/").rstrip("/").rpartition("/")[2]
+    base = picture_path(name).rstrip("/").rpartition("/")[2]
     stem, dot, _ = base.rpartition(".")
     chosen = stem if dot and stem else base
     return "".join(c if c.isprintable() and c not in _NOT_IN_NAMES else "_" for c in chosen)[:_LONGEST_NAME].strip(". ")

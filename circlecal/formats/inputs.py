@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections import defaultdict
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,12 +18,15 @@ from circlecal.files import is_file, is_folder, real_path, require_input
 from circlecal.formats.annotation import FORMAT as WORKBENCH
 from circlecal.formats.annotation import Annotation, is_annotation_file, load_template, parse_annotation
 from circlecal.formats.cameras import Size
-from circlecal.formats.format import AnnotationFormat
+from circlecal.formats.format import AnnotationFormat, stem_of
 from circlecal.formats.meaning import SourcesConfig, observe
+from circlecal.formats.picture_paths import path_parts, picture_path, shared_depth, shared_endings
 from circlecal.formats.pnlcalib import LABEL
 from circlecal.formats.registry import (
+    RESULT,
     annotation_suffixes,
     formats,
+    names_of_files,
     open_file,
     parse_annotations,
     picture_beside,
@@ -148,18 +152,26 @@ def read_frames(
         except InputError as error:
             on_error(error)
             continue
+        if not frames:
+            on_error(InputError(f"{file.path}: none of its pictures is annotated; annotate one and export it again"))
         found += [
             (known.name, replace(frame, id="__".join((*file.relative.parts[:-1], frame.id))), file, by_hand)
             for frame in frames
         ]
     ids = distinct_names([*taken, *(frame.id for _, frame, _, _ in found)])[len(taken) :]
+    images: dict[Path, list[str]] = defaultdict(list)
+    for _, frame, file, _ in found:
+        images[file.path] += [] if frame.image is None else [frame.image]
+    shared = {path: shared_endings(names) for path, names in images.items()}
     read = []
     for identifier, (name, frame, file, by_hand) in zip(ids, found, strict=True):
         own = None if by_hand is None else load_template(frame.field)
         observed = observe(replace(frame, id=identifier), own or template, sources, name, str(file.path))
         for warning in observed.warnings:
             _log.warning("%s", warning)
-        read.append(FrameOfFile(observed, file.path, picture_beside(file.path, observed.image), by_hand))
+        read.append(
+            FrameOfFile(observed, file.path, picture_beside(file.path, observed.image, shared[file.path]), by_hand)
+        )
     return read
 
 
@@ -248,29 +260,75 @@ def observations_beside(
     Raises
     ------
     InputError
-        Nothing for this frame, an unusable file, or one of pictures of another aspect.
+        Nothing for this frame or more than one, an unusable file, or one of pictures of another aspect.
     """
-    path = _file_for(given, frame)
+    path = _file_for(given, frame, format_name)
     known, frames = read_annotations(path, size, format_name)
-    wanted = {frame.id, frame.stem}
-    chosen = next((f for f in frames if f.id in wanted), frames[0] if len(frames) == 1 else None)
-    if chosen is None:
-        raise InputError(f"{path}: has {len(frames)} frames, none of them {frame.stem}")
+    chosen = frames[0] if len(frames) == 1 else _choose_frame(path, frames, frame)
     observed = observe(chosen.resize(*size), template, sources, known.name, str(path))
     for warning in observed.warnings:
         _log.warning("%s", warning)
     return observed.observations
 
 
-def _file_for(given: Path, frame: PictureFile) -> Path:
+def _choose_frame(path: Path, frames: Sequence[AnnotatedFrame], picture: PictureFile) -> AnnotatedFrame:
+    """The frame of a file that is of a picture: the one whose path agrees with the picture's most.
+
+    Raises
+    ------
+    InputError
+        None is, or several may be.
+    """
+    likeness = [_compare_paths(frame, picture) for frame in frames]
+    most = max(likeness, default=(0, False))
+    alike = [frame for frame, value in zip(frames, likeness, strict=True) if value == most]
+    if most[0] == 0:
+        others = [frame.image for frame in frames if frame.image and stem_of(frame.image) == stem_of(picture.path.name)]
+        told = f", but {others[0]}; give the folder in which its paths begin" if others else ""
+        raise InputError(f"{path}: has {len(frames)} frames, none of them {picture.mask_stem}{told}")
+    if len(alike) > 1:
+        named = ", ".join(frame.image or frame.id for frame in alike[:3])
+        told = f"has {len(alike)} frames that may be {picture.mask_stem} ({named})"
+        raise InputError(f"{path}: {told}; keep one, or name pictures by their folders in it")
+    return alike[0]
+
+
+def _compare_paths(frame: AnnotatedFrame, picture: PictureFile) -> tuple[int, bool]:
+    """How many parts of its path a frame of a file shares with a picture, and whether their suffixes are equal; 0 where
+    they name different folders.
+    """
+    below = path_parts(picture.mask_stem)
+    is_file_itself = picture.time_s is None and picture.url is None
+    whole = path_parts(str(picture.path.absolute().with_suffix(""))) if is_file_itself else below
+    best = (0, False)
+    for name in (picture_path(frame.image), frame.image) if frame.image else (frame.id,):
+        *folders, base = path_parts(name) or ("",)
+        named = Path(base)
+        depth = shared_depth((*folders, named.stem), whole)
+        depth = depth if depth >= min(len(folders) + 1, len(below)) else 0
+        if named.stem == picture.id:
+            depth = max(depth, len(below))
+        best = max(best, (depth, depth > 0 and named.suffix.lower() == picture.path.suffix.lower()))
+    return best
+
+
+def _file_for(given: Path, frame: PictureFile, format_name: str | None) -> Path:
+    """The file of a picture in a folder; a result of circlecal only where nothing else has its name."""
     if not is_folder(given):
         return given
-    names = dict.fromkeys((frame.mask_stem, frame.id, frame.stem))
-    candidates = [given / f"{name}{suffix}" for name in names for suffix in annotation_suffixes()]
-    found = next((path for path in candidates if is_file(path)), None)
-    if found is None:
+    stems = dict.fromkeys((frame.mask_stem, frame.id, frame.stem))
+    names = [(Path(stem).parent, name) for stem in stems for name in names_of_files(Path(stem).name, format_name)]
+    found = [path for folder, name in names if is_file(path := given / folder / name)]
+    if not found:
         raise InputError(f"{given}: nothing for {frame.label}; looked for {frame.stem}.json")
-    return found
+    return found[0] if len(found) == 1 else next((path for path in found if not _is_result(path)), found[0])
+
+
+def _is_result(path: Path) -> bool:
+    try:
+        return open_file(path)[0] is RESULT
+    except InputError:  # told when it is read
+        return False
 
 
 def observe_network(

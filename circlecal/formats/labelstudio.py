@@ -3,13 +3,15 @@
 ``annotations[].result[]`` with ``value`` in per cent of ``original_width`` and ``original_height``, counted from the
 corner of the picture: pixel = ``x / 100 W - 0.5``. Read are key points, polygons, vectors and ellipses (``x``, ``y`` is
 the centre, turned by ``rotation`` degrees clockwise in the picture, not in per cent). Of several annotations of a task
-the first that was not cancelled counts. A refused frame has what was measured in it.
+the first counts that was not cancelled and is not empty; predictions are not read. A refused frame has what was
+measured in it.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -79,7 +81,8 @@ class _Vector(FileModel):
 
 
 def read(path: Path, content: bytes, size: Size | None) -> list[AnnotatedFrame]:
-    """The frames of a file, those without annotations too where their size is given.
+    """The frames of a file, those without annotations too where their size is given; else the first one warns of
+    them.
 
     Raises
     ------
@@ -88,13 +91,15 @@ def read(path: Path, content: bytes, size: Size | None) -> list[AnnotatedFrame]:
     """
     tasks = parse_content(_Tasks, path, content).root
     names = distinct_names([stem_of(_image_name(task) or "") for task in tasks])
-    frames = []
+    frames: list[AnnotatedFrame] = []
+    left_out = []
     for number, (task, name) in enumerate(zip(tasks, names, strict=True)):
-        annotation = next((a for a in task.annotations if not a.was_cancelled), None)
-        results = [] if annotation is None else annotation.result
+        filled = [a.result for a in task.annotations if a.result and not a.was_cancelled]
+        results = filled[0] if filled else []
         where = f"{number}.annotations.result"
         found = next(((r.original_width, r.original_height) for r in results if r.original_width), None)
         if found is None and size is None and not results:
+            left_out.append(f"{path}: {number}: {_image_name(task) or 'the task'} has no annotation; left out")
             continue
         width, height = require_size(path, found, size)
         shapes, warnings = [], []
@@ -104,9 +109,11 @@ def read(path: Path, content: bytes, size: Size | None) -> list[AnnotatedFrame]:
                 shapes.append(read)
             elif read is not None:
                 warnings.append(read)
-        if sum(not a.was_cancelled for a in task.annotations) > 1:
+        if len(filled) > 1:
             warnings.append(f"{path}: {number}.annotations: has several; only the first is read")
         frames.append(AnnotatedFrame(name, width, height, tuple(shapes), _image_name(task), tuple(warnings)))
+    if frames:
+        frames[0] = replace(frames[0], warnings=(*frames[0].warnings, *left_out))
     return frames
 
 

@@ -33,7 +33,10 @@ MARGIN_WIDTHS = 0.005
 END_SIGMA_FACTOR = 2.0
 """The corner of two bands of paint is found less well than a point across one of them."""
 _ELLIPSE_FREEDOMS = 5
+NO_MARKING = "is no marking of the field"
+"""What warnings say of a name that the field does not have."""
 _REACH = 20
+"""How far outside the picture a point may lie, in its longer side: what is drawn on needs less, and damage has more."""
 _SHARED = float(np.sqrt(2.0))
 """A point of the circle at a known place says where it is and that it is on the circle: its weight is shared."""
 _CENTRE_WORDS = frozenset({"centre", "pitch centre", "field centre", "centre spot", "kick-off spot"})
@@ -108,10 +111,11 @@ def observe(
     computed = any(shape.kind == "line" and shape.confidence is not None for shape in frame.shapes)
     measured = frame.observations
     for shape in frame.shapes if measured is None else [s for s in frame.shapes if s.kind == "points"]:
-        if np.abs(shape.points_px).max(initial=0.0) > reach:
-            reading.warnings.append(f"{file}: {shape.label}: lies more than {_REACH} pictures away; left out")
-        elif len(shape.points_px) and not _is_computed_from_lines(shape, computed):
-            reading.take(shape)
+        near, left_out = _leave_out_far_points(shape, reach)
+        if left_out:
+            reading.warnings.append(f"{file}: {shape.label}: {left_out}; left out")
+        if len(near.points_px) and not _is_computed_from_lines(near, computed):
+            reading.take(near)
     observations = reading.observations(frame.width, frame.height)
     if measured is not None:
         reading.check_names(measured)
@@ -175,6 +179,23 @@ def sure_shapes(frame: AnnotatedFrame, sources: SourcesConfig) -> tuple[Shape, .
     return tuple(shape for shape in frame.shapes if is_sure(shape))
 
 
+def _leave_out_far_points(shape: Shape, reach: float) -> tuple[Shape, str]:
+    """A shape without its points beyond ``reach`` pixels (of an ellipse with one of them, without any), and what was
+    left out in words, which are empty where nothing was.
+    """
+    is_far = np.asarray((np.abs(shape.points_px) > reach).any(axis=1))
+    if not is_far.any():
+        return shape, ""
+    if shape.kind == "ellipse":
+        return replace(shape, points_px=shape.points_px[:0]), f"reaches more than {_REACH} pictures away"
+    places = np.flatnonzero(is_far).tolist()
+    x, y = shape.points_px[places[0]].tolist()
+    lie = f"and {len(places) - 1} more lie" if len(places) > 1 else "lies"
+    told = f"point {places[0] + 1} of {len(is_far)} at ({x:.10g}, {y:.10g}) {lie} more than {_REACH} pictures away"
+    confidence = None if shape.confidence is None else tuple(np.array(shape.confidence)[~is_far].tolist())
+    return replace(shape, points_px=shape.points_px[~is_far], confidence=confidence), told
+
+
 def _is_computed_from_lines(shape: Shape, lines_given: bool) -> bool:
     number = pnlcalib.keypoint_number(shape.label)
     if number is None or not lines_given:
@@ -224,9 +245,7 @@ class _Reading:
         elif name in elements:
             self._take_element(shape, elements[name])
         elif not self._take_place(shape, name) and name not in _SILENT and TANGENT not in name.split():
-            self.warnings.append(
-                f"{self.file}: {shape.label}: is no marking of the field {self.template.name!r}; left out"
-            )
+            self.warnings.append(f"{self.file}: {shape.label}: {NO_MARKING} {self.template.name!r}; left out")
 
     def check_names(self, measured: Observations) -> None:
         """Warn of names that the field does not have."""
@@ -235,9 +254,7 @@ class _Reading:
         elements = {name for _, name in _elements(self.template).values()}
         for name in dict.fromkeys(names):
             if name not in elements:
-                self.warnings.append(
-                    f"{self.file}: {name}: is no marking of the field {self.template.name!r}; left out"
-                )
+                self.warnings.append(f"{self.file}: {name}: {NO_MARKING} {self.template.name!r}; left out")
 
     def _take_element(self, shape: Shape, element: tuple[str, str]) -> None:
         kind, name = element

@@ -104,8 +104,11 @@ def _number(key: str, last: int) -> int | None:
 
 
 def keypoint_number(label: str) -> int | None:
-    """Number of a keypoint label such as ``kp_51``."""
-    return _number(label.removeprefix(LABEL), LAST_KEYPOINT) if label.startswith(LABEL) else None
+    """Number of a keypoint label such as ``kp_51``; capitals, blanks at the ends and a blank for the underscore make no
+    difference.
+    """
+    name = "_".join(label.replace("_", " ").split()).casefold()
+    return _number(name.removeprefix(LABEL), LAST_KEYPOINT) if name.startswith(LABEL) else None
 
 
 def field_position(number: int, template: FieldTemplate) -> Array | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -13,6 +14,7 @@ from circlecal.errors import InputError
 from circlecal.files import is_file, read_file
 from circlecal.formats.cameras import Size
 from circlecal.formats.format import MAX_SHAPES, AnnotationFormat, CameraFormat, Content, Format, OutsideFormat
+from circlecal.formats.picture_paths import path_endings, picture_path
 from circlecal.formats.shapes import AnnotatedFrame
 from circlecal.pictures.files import PICTURE_SUFFIXES, decode
 from circlecal.pictures.headers import read_header
@@ -135,11 +137,46 @@ def parse_annotations(found: Format, content: Content, size: Size | None) -> lis
     return frames
 
 
-def picture_beside(path: Path, image: str | None = None) -> Path | None:
-    """The picture of an annotation file in the same folder: the one it names, or the one of its own name."""
-    names = [image.replace("\\", "/").rpartition("/")[2].strip(".")] if image else []
-    names += [f"{path.stem}{suffix}" for suffix in PICTURE_SUFFIXES]
+def picture_beside(path: Path, image: str | None = None, shared: Collection[str] = ()) -> Path | None:
+    """The picture of an annotation file: the one that it names, in its folder or one below, or the one of its own name.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    image : str, optional
+        Path of the picture as the file names it; its first folders may be missing here.
+    shared : collection of str
+        Endings of such paths that several pictures of the file have, which are not looked for.
+    """
+    names = []
+    for name in () if image is None else (picture_path(image), image):
+        whole, *shorter = path_endings(name) or [""]
+        names += [whole, *(ending for ending in shorter if ending not in shared)]
+    names += [f"{name}{suffix}" for name in frame_names(path) for suffix in PICTURE_SUFFIXES]
     return next((path.parent / name for name in names if name and is_file(path.parent / name)), None)
+
+
+def frame_names(path: Path) -> list[str]:
+    """Names that the frame of a file may have: the file's own, and that without what formats put round it, as in
+    ``x.soccernet.json`` and ``extremities_x.json``.
+    """
+    names = [path.stem]
+    for name, found in annotation_formats().items():
+        if found.per_frame:
+            prefix = found.file_name.partition("{id}")[0]
+            names.append(path.stem.removeprefix(prefix).removesuffix(f".{name}"))
+    return list(dict.fromkeys(names))
+
+
+def names_of_files(frame_name: str, format_name: str | None = None) -> list[str]:
+    """Names that files of one frame have, of all formats of annotations or of one: those that programs give them, then
+    those that circlecal does.
+    """
+    known = [f for f in annotation_formats().values() if f.per_frame and format_name in (None, f.name)]
+    names = [f"{frame_name}{suffix}" for suffix in annotation_suffixes()]
+    names += [f.file_name.format(id=f"{frame_name}{tag}") for f in known for tag in ("", f".{f.name}")]
+    return list(dict.fromkeys(names))
 
 
 def size_beside(path: Path) -> Size | None:

@@ -92,7 +92,8 @@ def read(path: Path, content: bytes, size: Size | None) -> list[AnnotatedFrame]:
         No such file of SoccerNet, or the size of the picture is not known.
     """
     width, height = require_size(path, size)
-    return [AnnotatedFrame(path.stem, width, height, parse_classes(path, content, (width - 1, height - 1)))]
+    identifier = path.stem.removesuffix(".soccernet")
+    return [AnnotatedFrame(identifier, width, height, parse_classes(path, content, (width - 1, height - 1)))]
 
 
 def parse_classes(path: Path, content: bytes, scale: Size) -> tuple[Shape, ...]:

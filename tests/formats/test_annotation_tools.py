@@ -163,7 +163,9 @@ def test_coco_keypoints_that_are_not_there():
 def test_a_coco_box_alone_is_told(seen):
     dataset = json.loads(coco.write([seen]))
     count = len(dataset["annotations"])
-    dataset["annotations"].append({"id": 9, "image_id": 1, "category_id": 2, "bbox": [1, 2, 30, 40], "segmentation": []})
+    dataset["annotations"].append(
+        {"id": 9, "image_id": 1, "category_id": 2, "bbox": [1, 2, 30, 40], "segmentation": []}
+    )
     (frame,) = coco.read(FILE, json_bytes(dataset), None)
     assert len(frame.shapes) == len(seen.shapes)
     told = f"marks.json: annotations.{count}.bbox: 'Circle central' is a box, neither keypoints nor a polygon; left out"

@@ -61,6 +61,33 @@ def test_lines_of_one_point_and_unknown_labels_are_warned_of():
     assert all(w.startswith("file.json: ") for w in found.warnings)
 
 
+@pytest.mark.parametrize("label", ["kp_2", "KP_2", "kp 2", " Kp_2 "])
+def test_spellings_of_keypoints(label):
+    found = read(shape(label, (7, 8)))
+    assert [k.field_m.tolist() for k in found.observations.keypoints] == [pytest.approx([0.0, -34.0], abs=0.1)]
+    assert not found.warnings
+
+
+def test_a_far_point_is_left_out_and_the_others_stay():
+    """One click that went astray must not take the marking with it."""
+    found = read(shape("Circle central", (1, 2), (1e5, -1e5), (3, 4), (5, 6)))
+    assert found.observations.circles[0].points_px.tolist() == [[1, 2], [3, 4], [5, 6]]
+    place = "point 2 of 4 at (100000, -100000) lies more than 20 pictures away"
+    assert found.warnings == (f"file.json: Circle central: {place}; left out",)
+    several = read(shape("Circle central", (1e5, 2), (1, 1e5), (3, 4), (5, 6)))
+    assert several.warnings[0].endswith(
+        "point 1 of 4 at (100000, 2) and 1 more lie more than 20 pictures away; left out"
+    )
+    line = shape("Middle line", (1, 2), (1e5, 3), (4, 500), kind="line", confidence=(0.9, 0.4, 0.81))
+    assert read(line).observations.lines[0].sigma_px == pytest.approx([1.5 / np.sqrt(0.9), 1.5 / 0.9])
+
+
+def test_of_a_far_ellipse_nothing_stays():
+    found = read(shape("Circle central", (900, 500), (1e5, 500), (900, 700), kind="ellipse"))
+    assert not found.observations.circles
+    assert found.warnings == ("file.json: Circle central: reaches more than 20 pictures away; left out",)
+
+
 def test_goals_and_unknown_classes_are_left_out_in_silence():
     labels = ("Goal left post left", "Goal left post left ", "Goal right crossbar", "Line unknown", "Goal unknown")
     found = read(*(shape(label, (1, 2), (3, 4), kind="line") for label in labels))
