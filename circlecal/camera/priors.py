@@ -326,6 +326,10 @@ class Priors:
         """The radial distortion that is expected at a logarithm of the focal length, half-widths."""
         return float(self.mean[KAPPA_1] if self.lens is None else self.lens.kappa(np.array(log_focal)))
 
+    def distortion_off(self, theta: Array) -> float:
+        """By how much the radial distortion of a camera (P,) is more than what is expected of its focal length."""
+        return float(theta[KAPPA_1]) - self.usual_kappa(theta[LOG_FOCAL])
+
     def at_focal(self, log_focal: float) -> Priors:
         """The priors for one focal length, at which the radial distortion has a mean."""
         mean = self.mean.copy()

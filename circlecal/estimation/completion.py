@@ -241,7 +241,7 @@ def _allow_wider_lens(task: Task, fit: Fit) -> Fit:
     given. A few clicked points cannot say so.
     """
     priors, kappa = fit.problem.priors, INDEX["kappa_1"]
-    off = abs(float(fit.state.theta[0, kappa]) - priors.usual_kappa(fit.state.theta[0, INDEX["log_focal"]]))
+    off = abs(priors.distortion_off(fit.state.theta[0]))
     if not 0 < priors.sd[kappa] < off / LENS_DOUBT or not is_dense(fit.problem.curves):
         return fit
     free, start = with_priors(fit.problem, fit.state.best(), widen_lens(priors))

@@ -36,7 +36,7 @@ from circlecal.estimation.completion import (
 )
 from circlecal.estimation.task import Fit, Task, is_dense
 from circlecal.field import FieldTemplate
-from circlecal.geometry.camera_parameters import INDEX, KAPPA_1, LOG_FOCAL, level_points
+from circlecal.geometry.camera_parameters import INDEX, KAPPA_1, level_points
 from circlecal.geometry.least_squares import StoppingRule
 from circlecal.geometry.medians import median_of_rows
 from circlecal.geometry.projective import Array
@@ -181,7 +181,8 @@ class _Question:
             return False
         least = max(answer.evidence for answer, _ in found) - OUT_OF_THE_QUESTION
         likely = [answer for answer, _ in found if answer.evidence >= least]
-        return any(abs(_distortion_off(answer)) > LENS_STRAIN * usual_sd for answer in likely)
+        off = [abs(answer.problem.priors.distortion_off(answer.state.theta[0])) for answer in likely]
+        return max(off) > LENS_STRAIN * usual_sd
 
     def name_anew(self, found: list[tuple[Answer, _Case]]) -> list[_Case] | None:
         """The lines that a field of any size has, nothing where they are those of the usual one; None where the answers
@@ -213,12 +214,6 @@ def _is_beyond_fisheye(answer: Answer) -> bool:
     """Whether an answer before any lens has one that bends lines more than a fisheye of its focal length."""
     theta = answer.state.theta[0]
     return answer.world.is_any_lens and theta[KAPPA_1] <= strongest_barrel(theta, answer.problem.model.width)
-
-
-def _distortion_off(answer: Answer) -> float:
-    """By how much the radial distortion of an answer is more than usual, half-widths."""
-    theta, priors = answer.state.theta[0], answer.problem.priors
-    return float(theta[KAPPA_1]) - priors.usual_kappa(theta[LOG_FOCAL])
 
 
 def _reach(answer: Answer, rule: StoppingRule) -> Answer:

@@ -257,9 +257,13 @@ def _further(frames: Sequence[CameraFrame], size: Size) -> dict[str, Prediction]
         if frame.camera is not None:
             found[frame.id] = Prediction(MetricCamera.from_camera(frame.camera).resize(factor))
         elif frame.H_image_field is not None:
-            H = np.diag([*factor, 1.0]) @ frame.H_image_field
-            found[frame.id] = Prediction(PlaneHomography(H), H)
+            found[frame.id] = _predict_by_homography(frame.H_image_field, factor)
     return found
+
+
+def _predict_by_homography(H_image_field: Array, factor: tuple[float, float]) -> Prediction:
+    H = np.diag([*factor, 1.0]) @ H_image_field
+    return Prediction(PlaneHomography(H), H)
 
 
 def _own_result(stored: ResultRecord, size: Size) -> dict[str, Prediction]:
@@ -271,8 +275,7 @@ def _own_result(stored: ResultRecord, size: Size) -> dict[str, Prediction]:
     if frame is None:
         return {}
     if frame.camera is None:
-        H = np.diag([*_factor((frame.width, frame.height), size), 1.0]) @ frame.H_image_field
-        return {frame.id: Prediction(PlaneHomography(H), H)}
+        return {frame.id: _predict_by_homography(frame.H_image_field, _factor((frame.width, frame.height), size))}
     return _flat(frame, size)
 
 

@@ -108,7 +108,7 @@ def observe(
     """
     reading = _Reading(template, sources, sources.point_sigma_px(source, frame.width), file)
     reach = _REACH * max(frame.width, frame.height)
-    computed = any(shape.kind == "line" and shape.confidence is not None for shape in frame.shapes)
+    computed = _has_detected_lines(frame)
     measured = frame.observations
     for shape in frame.shapes if measured is None else [s for s in frame.shapes if s.kind == "points"]:
         near, left_out = _leave_out_far_points(shape, reach)
@@ -169,7 +169,7 @@ def add_halfway_ends(observations: Observations, template: FieldTemplate) -> Obs
 
 def sure_shapes(frame: AnnotatedFrame, sources: SourcesConfig) -> tuple[Shape, ...]:
     """The shapes of a frame that :func:`observe` uses by their confidence."""
-    computed = any(shape.kind == "line" and shape.confidence is not None for shape in frame.shapes)
+    computed = _has_detected_lines(frame)
 
     def is_sure(shape: Shape) -> bool:
         is_point = shape.kind == "points"
@@ -194,6 +194,10 @@ def _leave_out_far_points(shape: Shape, reach: float) -> tuple[Shape, str]:
     told = f"point {places[0] + 1} of {len(is_far)} at ({x:.10g}, {y:.10g}) {lie} more than {_REACH} pictures away"
     confidence = None if shape.confidence is None else tuple(np.array(shape.confidence)[~is_far].tolist())
     return replace(shape, points_px=shape.points_px[~is_far], confidence=confidence), told
+
+
+def _has_detected_lines(frame: AnnotatedFrame) -> bool:
+    return any(shape.kind == "line" and shape.confidence is not None for shape in frame.shapes)
 
 
 def _is_computed_from_lines(shape: Shape, lines_given: bool) -> bool:

@@ -289,7 +289,7 @@ class Session:
         frames = [one.frame() for one in own if one.flag is None]
         if not frames or target.write is None:
             raise InputError(left_out[0] if left_out else "nothing is annotated yet")
-        if target.per_frame:
+        if target.per_frame:  # by the names of the annotations' own files
             files = {target.file_name.format(id=self.store.path(f.id).stem): target.write([f]) for f in frames}
         else:
             files = {target.file_name: target.write(frames)}
@@ -347,7 +347,12 @@ class Session:
         """Name of the format and frames of a file; those of which it does not say how large they are have the size of
         the frame that they are of.
         """
-        found, frames = read_annotations(path, UNKNOWN_SIZE)
+        try:
+            found, frames = read_annotations(path, None)
+        except InputError:  # where that is not for want of a size it is raised again
+            found, frames = read_annotations(path, UNKNOWN_SIZE)
+        else:
+            return found.name, frames
         begun = {frame.id: self.open(numbers[frame.id]).begun for frame in frames if frame.id in numbers}
         sizes = {frame_id: (own.width, own.height) for frame_id, own in begun.items()}
         of_size = {size: read_annotations(path, size, found.name)[1] for size in set(sizes.values())}
