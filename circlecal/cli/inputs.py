@@ -102,26 +102,49 @@ def leave_to_batch(named: Inputs, report: Callable[[Exception], None], with_opti
 
 
 def _require_keypoints_of_each(frames: Sequence[PictureFile], run: FrameRun) -> None:
-    """A file with the keypoints of one frame is not given for several pictures.
+    """No file with the keypoints of one frame is given for several pictures.
 
     Raises
     ------
     InputError
-        It is.
+        One is.
     """
+    from collections import Counter
+
     from circlecal.errors import InputError
-    from circlecal.files import is_file
+    from circlecal.files import is_folder
+    from circlecal.formats.inputs import find_file_beside
+
+    given = run.keypoints
+    if given is None or len(frames) <= 1:
+        return
+    if not is_folder(given):
+        if _holds_one_frame(given, run):
+            told = f"{given}: holds one frame for {len(frames)} pictures"
+            raise InputError(f"{told}; give a folder of files named like the pictures")
+        return
+    names = Counter(frame.stem for frame in frames)
+    alike = [frame for frame in frames if names[frame.stem] > 1]
+    first: dict[Path, PictureFile] = {}
+    for frame in alike:
+        path = find_file_beside(given, frame, run.format_name)
+        if path is None:
+            continue
+        other = first.setdefault(path, frame)
+        if other is not frame and _holds_one_frame(path, run):
+            told = f"{path}: holds one frame, and may be of {other.mask_stem} and {frame.mask_stem}"
+            raise InputError(f"{told}; put it in a folder named like that of its picture")
+
+
+def _holds_one_frame(path: Path, run: FrameRun) -> bool:
+    from circlecal.errors import InputError
     from circlecal.formats.registry import read_annotations
 
-    if run.keypoints is None or len(frames) <= 1 or not is_file(run.keypoints):
-        return
     try:
-        _, found = read_annotations(run.keypoints, run.size or ANY_SIZE, run.format_name)
+        _, found = read_annotations(path, run.size or ANY_SIZE, run.format_name)
     except InputError:  # told with each frame
-        return
-    if len(found) == 1:
-        told = f"{run.keypoints}: holds one frame for {len(frames)} pictures"
-        raise InputError(f"{told}; give a folder of files named like the pictures")
+        return False
+    return len(found) == 1
 
 
 def _frames_of(

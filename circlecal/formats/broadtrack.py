@@ -18,9 +18,17 @@ from pydantic import Field, RootModel
 
 from circlecal.errors import InputError
 from circlecal.formats.cameras import CameraFrame, Size
-from circlecal.formats.format import Bounded, CameraFormat, Content, FileModel, Side, json_bytes, parse_content, stem_of
+from circlecal.formats.format import (
+    Bounded,
+    CameraFormat,
+    Content,
+    FileModel,
+    Side,
+    ids_of_pictures,
+    json_bytes,
+    parse_content,
+)
 from circlecal.geometry.camera import Camera, image_center
-from circlecal.pictures.files import distinct_names
 
 
 class _Camera(FileModel):
@@ -53,7 +61,7 @@ def read(path: Path, content: bytes, size: Size | None) -> list[CameraFrame]:
         No file of BroadTrack, or a third coefficient of distortion.
     """
     entries = parse_content(_Sequence, path, content).root
-    names = distinct_names([stem_of(key) for key in entries])
+    names = ids_of_pictures(entries)
     return [_frame(path, key, name, entry.cp) for (key, entry), name in zip(entries.items(), names, strict=True)]
 
 

@@ -26,15 +26,14 @@ from circlecal.formats.format import (
     Bounded,
     FileModel,
     Side,
+    ids_of_pictures,
     json_bytes,
     parse_content,
     require_distinct,
     require_size,
-    stem_of,
 )
 from circlecal.formats.shapes import AnnotatedFrame, Shape
 from circlecal.geometry.projective import Array
-from circlecal.pictures.files import distinct_names
 
 POINTS_CATEGORY = "field"
 
@@ -103,7 +102,7 @@ def read(path: Path, content: bytes, size: Size | None) -> list[AnnotatedFrame]:
             warnings[annotation.image_id].append(f"{where}.segmentation: is a mask, not a polygon; left out")
         else:
             shapes[annotation.image_id] += _polygons(annotation.segmentation, category.name, where)
-    names = distinct_names([stem_of(image.file_name) for image in dataset.images])
+    names = ids_of_pictures(image.file_name for image in dataset.images)
     frames = []
     for name, image in zip(names, dataset.images, strict=True):
         chosen = require_size(path, (image.width, image.height), size)

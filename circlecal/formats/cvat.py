@@ -19,11 +19,10 @@ import numpy as np
 
 from circlecal.errors import InputError
 from circlecal.formats.cameras import Size, derive_shapes
-from circlecal.formats.format import MAX_POINTS, MAX_SIDE, AnnotationFormat, require_size, stem_of
+from circlecal.formats.format import MAX_POINTS, MAX_SIDE, AnnotationFormat, ids_of_pictures, require_size
 from circlecal.formats.shapes import AnnotatedFrame, Shape
 from circlecal.geometry.projective import Array
 from circlecal.names import show
-from circlecal.pictures.files import distinct_names
 
 _CORNER = 0.5
 _LARGEST = 1e6
@@ -44,7 +43,7 @@ def read(path: Path, content: bytes, size: Size | None) -> list[AnnotatedFrame]:
     images = root.findall("image")
     if not images and root.find("track") is not None:
         raise InputError(f"{path}: track: is CVAT for video; export the task as CVAT for images 1.1")
-    names = distinct_names([stem_of(image.get("name", "")) for image in images])
+    names = ids_of_pictures(image.get("name", "") for image in images)
     return [_frame(path, image, name, size) for image, name in zip(images, names, strict=True)]
 
 

@@ -317,6 +317,9 @@ def convert(
     cameras = [frame for frame in frames if isinstance(frame, CameraFrame)]
     if annotations and cameras:
         raise InputError(f"{paths[0]}: annotations and cameras together; convert one kind at a time")
+    for frame in annotations:
+        for warning in frame.warnings:
+            _log.warning("%s", warning)
     if goal.annotations and annotations:
         named = _number(annotations) if goal.annotations.holds_confidence else _drop_confidences(_number(annotations))
         told = [replace(frame, field=field) for frame in named]

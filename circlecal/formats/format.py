@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import json
 from codecs import BOM_UTF8
-from collections.abc import Callable, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -20,8 +21,9 @@ from circlecal.errors import InputError, explain_problem
 from circlecal.field import FieldTemplate
 from circlecal.files import read_file
 from circlecal.formats.cameras import CalibratedFrame, CameraFrame, CameraModel, Size
-from circlecal.formats.picture_paths import picture_path
+from circlecal.formats.picture_paths import path_parts, picture_path
 from circlecal.formats.shapes import AnnotatedFrame
+from circlecal.pictures.files import distinct_names
 from circlecal.records.json_text import RepeatedKeyError, load_json, validate_json
 
 Kind = Literal["annotation", "camera", "result"]
@@ -264,6 +266,26 @@ def stem_of(name: str) -> str:
     stem, dot, _ = base.rpartition(".")
     chosen = stem if dot and stem else base
     return "".join(c if c.isprintable() and c not in _NOT_IN_NAMES else "_" for c in chosen)[:_LONGEST_NAME].strip(". ")
+
+
+def ids_of_pictures(names: Iterable[str]) -> list[str]:
+    """Ids of the frames of a file, by the names of their pictures: different ones.
+
+    Pictures of one name in several folders are told apart by these, as ``cam1__a`` and ``cam2__a``; what no folder
+    tells apart is numbered.
+    """
+    paths = list(names)
+    ids = [stem_of(name) for name in paths]
+    folders = [path_parts(picture_path(name))[:-1] for name in paths]
+    alike: dict[str, list[int]] = defaultdict(list)
+    for k, own in enumerate(ids):
+        alike[own.casefold()].append(k)
+    for group in (group for group in alike.values() if len(group) > 1):
+        depths = range(1, 1 + max(len(folders[k]) for k in group))
+        depth = next((d for d in depths if len({folders[k][-d:] for k in group}) == len(group)), 0)
+        for k in group if depth else ():
+            ids[k] = "__".join((*folders[k][-depth:], ids[k]))
+    return distinct_names(ids)
 
 
 def json_bytes(record: Mapping[str, Any] | list[Any]) -> bytes:

@@ -21,14 +21,13 @@ from circlecal.formats.format import (
     Content,
     FileModel,
     Side,
+    ids_of_pictures,
     parse_content,
     require_distinct,
     require_size,
-    stem_of,
 )
 from circlecal.formats.shapes import AnnotatedFrame
 from circlecal.formats.soccernet import ClassPoint, shapes_of_classes
-from circlecal.pictures.files import distinct_names
 
 SUPERCATEGORY = "pitch"
 FrameKey = int | str
@@ -72,7 +71,7 @@ def read(path: Path, content: bytes, size: Size | None) -> list[AnnotatedFrame]:
         if annotation.image_id not in known:
             raise InputError(f"{path}: annotations.{number}.image_id: {annotation.image_id} is not in the file")
         lines[annotation.image_id].append(annotation.lines)
-    names = distinct_names([stem_of(image.file_name) for image in labels.images])
+    names = ids_of_pictures(image.file_name for image in labels.images)
     frames = []
     for name, image in zip(names, labels.images, strict=True):
         width, height = require_size(path, (image.width, image.height), size)

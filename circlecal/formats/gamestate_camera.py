@@ -17,17 +17,16 @@ from circlecal.formats.format import (
     CameraFormat,
     Content,
     FileModel,
+    ids_of_pictures,
     json_bytes,
     parse_content,
     parse_value,
     require_distinct,
     require_size,
-    stem_of,
 )
 from circlecal.formats.gamestate import SUPERCATEGORY as PITCH
 from circlecal.formats.gamestate import FrameKey, GameStateImage
 from circlecal.formats.soccernet_camera import CameraKeys
-from circlecal.pictures.files import distinct_names
 
 SUPERCATEGORY = "camera"
 CATEGORY = 6
@@ -54,7 +53,7 @@ def read(path: Path, content: bytes, size: Size | None) -> list[CameraFrame]:
     """
     labels = parse_content(_Labels, path, content)
     require_distinct(path, "images.{}.image_id", [image.image_id for image in labels.images])
-    names = distinct_names([stem_of(image.file_name) for image in labels.images])
+    names = ids_of_pictures(image.file_name for image in labels.images)
     images = {image.image_id: (name, image) for name, image in zip(names, labels.images, strict=True)}
     frames = []
     for number, annotation in enumerate(labels.annotations):

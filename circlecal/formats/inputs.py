@@ -262,7 +262,9 @@ def observations_beside(
     InputError
         Nothing for this frame or more than one, an unusable file, or one of pictures of another aspect.
     """
-    path = _file_for(given, frame, format_name)
+    path = find_file_beside(given, frame, format_name) if is_folder(given) else given
+    if path is None:
+        raise InputError(f"{given}: nothing for {frame.label}; looked for {frame.stem}.json")
     known, frames = read_annotations(path, size, format_name)
     chosen = frames[0] if len(frames) == 1 else _choose_frame(path, frames, frame)
     observed = observe(chosen.resize(*size), template, sources, known.name, str(path))
@@ -312,16 +314,16 @@ def _compare_paths(frame: AnnotatedFrame, picture: PictureFile) -> tuple[int, bo
     return best
 
 
-def _file_for(given: Path, frame: PictureFile, format_name: str | None) -> Path:
-    """The file of a picture in a folder; a result of circlecal only where nothing else has its name."""
-    if not is_folder(given):
-        return given
+def find_file_beside(given: Path, frame: PictureFile, format_name: str | None) -> Path | None:
+    """The file of a picture in a folder, None where there is none; a result of circlecal only where nothing else has
+    its name.
+    """
     stems = dict.fromkeys((frame.mask_stem, frame.id, frame.stem))
     names = [(Path(stem).parent, name) for stem in stems for name in names_of_files(Path(stem).name, format_name)]
     found = [path for folder, name in names if is_file(path := given / folder / name)]
-    if not found:
-        raise InputError(f"{given}: nothing for {frame.label}; looked for {frame.stem}.json")
-    return found[0] if len(found) == 1 else next((path for path in found if not _is_result(path)), found[0])
+    if len(found) <= 1:
+        return found[0] if found else None
+    return next((path for path in found if not _is_result(path)), found[0])
 
 
 def _is_result(path: Path) -> bool:

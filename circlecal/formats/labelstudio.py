@@ -26,15 +26,14 @@ from circlecal.formats.format import (
     Content,
     FileModel,
     Side,
+    ids_of_pictures,
     json_bytes,
     parse_content,
     parse_value,
     require_size,
-    stem_of,
 )
 from circlecal.formats.shapes import AnnotatedFrame, Shape, ShapeKind
 from circlecal.geometry.projective import Array
-from circlecal.pictures.files import distinct_names
 
 _CORNER = 0.5
 _Pair = Annotated[list[Bounded], Field(min_length=2, max_length=2)]
@@ -90,7 +89,7 @@ def read(path: Path, content: bytes, size: Size | None) -> list[AnnotatedFrame]:
         No export of Label Studio, or the size of a picture is not known.
     """
     tasks = parse_content(_Tasks, path, content).root
-    names = distinct_names([stem_of(_image_name(task) or "") for task in tasks])
+    names = ids_of_pictures(_image_name(task) or "" for task in tasks)
     frames: list[AnnotatedFrame] = []
     left_out = []
     for number, (task, name) in enumerate(zip(tasks, names, strict=True)):

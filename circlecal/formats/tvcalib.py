@@ -18,10 +18,18 @@ from pydantic import BeforeValidator, Field
 
 from circlecal.errors import InputError
 from circlecal.formats.cameras import CameraFrame, Size
-from circlecal.formats.format import Bounded, CameraFormat, Content, Focal, Side, json_bytes, parse_content, stem_of
+from circlecal.formats.format import (
+    Bounded,
+    CameraFormat,
+    Content,
+    Focal,
+    Side,
+    ids_of_pictures,
+    json_bytes,
+    parse_content,
+)
 from circlecal.formats.soccernet_camera import CameraKeys, camera_keys
 from circlecal.geometry.homography import is_invertible, scale_homography
-from circlecal.pictures.files import distinct_names
 
 
 def _single(value: Any) -> Any:
@@ -58,7 +66,7 @@ def read(path: Path, content: bytes, size: Size | None) -> list[CameraFrame]:
     samples = [
         (number, parse_content(_Sample, path, text, number)) for number, text in enumerate(lines, 1) if text.strip()
     ]
-    names = distinct_names([stem_of(sample.image_ids) for _, sample in samples])
+    names = ids_of_pictures(sample.image_ids for _, sample in samples)
     frames = []
     for name, (number, sample) in zip(names, samples, strict=True):
         camera = sample.camera(path, size)

@@ -204,6 +204,27 @@ def test_keypoints_beside_a_picture(run_circlecal, frame_file, frame_camera, tmp
     only_error(run_circlecal(*arguments, tmp_path / "none"), "no such file")
 
 
+def test_keypoints_of_one_picture_are_not_taken_for_those_of_another(run_circlecal, frame_file, tmp_path):
+    pictures, given = tmp_path / "pictures", tmp_path / "kp"
+    given.mkdir()
+    for folder in ("cam1", "cam2"):
+        (pictures / folder).mkdir(parents=True)
+        shutil.copy(frame_file, pictures / folder)
+    (given / "good.json").write_text(json.dumps({"kp": {"50": {"x": 0.4, "y": 0.5, "p": 0.8}}, "lines": {}}))
+    arguments = ("batch", pictures, "--keypoints", given, "--out", tmp_path / "out", *QUICK)
+    only_error(
+        run_circlecal(*arguments), "good.json: holds one frame", "of cam1/good and cam2/good;",
+        "put it in a folder named like that of its picture",
+    )  # fmt: skip
+    (given / "cam2").mkdir()
+    (given / "good.json").rename(given / "cam2" / "good.json")
+    run_circlecal(*arguments)
+    records = [json.loads(line) for line in (tmp_path / "out" / "results.jsonl").read_text().splitlines()]
+    reasons = {record["id"]: record["reason"] for record in records}
+    assert "nothing for good.png" in reasons["cam1__good"]
+    assert reasons["cam2__good"] is None
+
+
 def test_the_paint_convention(run_circlecal, annotation_file, tmp_path):
     found = []
     for convention in ("official", "paint"):
@@ -225,6 +246,20 @@ def test_convert(run_circlecal, annotation_file, tmp_path):
     assert first.keys() == second.keys()
     for name, points in first.items():
         assert [p["x"] for p in second[name]] == pytest.approx([p["x"] for p in points], abs=1e-12)
+
+
+def test_convert_tells_what_a_file_says_that_is_not_read(run_circlecal, tmp_path):
+    box = {"id": 1, "image_id": 1, "category_id": 1, "bbox": [1, 2, 30, 40], "segmentation": []}
+    ring = {"id": 2, "image_id": 1, "category_id": 1, "segmentation": [[100.0, 90.0, 160.0, 70.0, 200.0, 100.0]]}
+    dataset = {
+        "images": [{"id": 1, "file_name": "a.jpg", "width": 960, "height": 540}],
+        "categories": [{"id": 1, "name": "Circle central"}],
+        "annotations": [box, ring],
+    }
+    (tmp_path / "coco.json").write_text(json.dumps(dataset))
+    outcome = run_circlecal("convert", tmp_path / "coco.json", "--to", "labelme", "--out", tmp_path / "out")
+    assert outcome.code == 0
+    assert "annotations.0.bbox: 'Circle central' is a box" in outcome.err
 
 
 def test_convert_a_result(run_circlecal, annotation_file, tmp_path):

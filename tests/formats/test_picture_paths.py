@@ -2,7 +2,7 @@
 
 import pytest
 
-from circlecal.formats.format import stem_of
+from circlecal.formats.format import ids_of_pictures, stem_of
 from circlecal.formats.picture_paths import path_endings, picture_path, shared_depth, shared_endings
 
 
@@ -38,3 +38,11 @@ def test_depths():
     assert shared_depth(("a",), ("cam1", "a")) == 1
     assert shared_depth(("b",), ("a",)) == 0
     assert shared_depth((), ("a",)) == 0
+
+
+def test_pictures_of_one_name_are_told_apart_by_their_folders():
+    assert ids_of_pictures(["x/a.jpg", "x/b.jpg"]) == ["a", "b"]
+    assert ids_of_pictures(["x/cam1/a.jpg", "x/cam2/a.jpg", "x/cam2/b.jpg"]) == ["cam1__a", "cam2__a", "b"]
+    assert ids_of_pictures(["m1/left/a.jpg", "m2/left/a.jpg"]) == ["m1__left__a", "m2__left__a"]
+    assert ids_of_pictures(["a.jpg", "x/a.jpg"]) == ["a", "x__a"]
+    assert ids_of_pictures(["a.jpg", "a.png", ""]) == ["a", "a-2", "frame"]
