@@ -142,8 +142,8 @@ class Problem:
             if not usable.all():
                 by_straight[~usable] = _IDENTITY
             # by the chain rule the gradient becomes T^T g and the matrix T^T N T
-            turned = by_straight.swapaxes(1, 2)
-            gradient, normal = turned @ gradient, turned @ normal @ by_straight
+            transposed = by_straight.swapaxes(1, 2)
+            gradient, normal = transposed @ gradient, transposed @ normal @ by_straight
         are_all_usable = bool(usable.all())
         block, slope = normal[:, active[:, None], active], gradient[:, active, 0]
         change, undamped = _solve_both(block, slope, damping)
@@ -156,7 +156,9 @@ class Problem:
             change, full = change / shortening, full / shortening
         there = theta + full
         if are_all_usable or usable.any():
-            seen = from_viewing(viewing + full[:, :VIEWING], priors.center_of(there))
+            seen_there = viewing + full[:, :VIEWING]
+            seen_there[~usable] = 0.0  # there x, in metres, would be the logarithm of a distance
+            seen = from_viewing(seen_there, priors.center_of(there))
             there[:, :VIEWING] = seen if are_all_usable else np.where(usable[:, None], seen, there[:, :VIEWING])
         there[:, 0] = np.minimum(np.maximum(there[:, 0], LOG_FOCAL_RANGE[0]), LOG_FOCAL_RANGE[1])
         full = (by_straight @ full[..., None])[..., 0]

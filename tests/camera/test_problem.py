@@ -1,5 +1,6 @@
 """Priors, robust loss and the batched optimiser."""
 
+import warnings
 from dataclasses import replace
 from itertools import pairwise
 
@@ -12,6 +13,7 @@ from circlecal.camera.problem import COARSE, FINAL, Problem, bend_surface, evalu
 from circlecal.camera.residuals import sample_feet
 from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel, project
+from circlecal.geometry.least_squares import LEAST_DAMPING
 from circlecal.geometry.surface import Surface
 from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations
 
@@ -155,6 +157,21 @@ def test_starts_do_not_disturb_each_other():
         assert cost[k] == pytest.approx(evaluate(problem, alone.theta, alone.feet, updates=6).cost[0], rel=1e-6)
     best = together.best(2)
     assert best.cost.tolist() == sorted(together.cost)[:2]
+
+
+def test_a_start_that_looks_away_steps_by_metres_beside_one_that_sees_the_circle():
+    rng = np.random.default_rng(6)
+    theta = plain_theta(rng)
+    problem = problem_of(observed(theta, rng), priors())
+    starts = np.stack([theta, theta])
+    starts[1, INDEX["pan"]] += np.pi
+    state = evaluate(problem, starts, sample_feet(problem.curves, starts, MODEL))
+    state.gradient[1], state.normal[1] = 0.0, np.eye(len(PARAMETERS))
+    state.gradient[1, INDEX["x"]] = -2000.0
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        step = problem.step(state, np.full(2, LEAST_DAMPING))
+    assert step.parameters[1, INDEX["x"]] - starts[1, INDEX["x"]] == pytest.approx(2000.0)
 
 
 @pytest.mark.parametrize("seed", [3, 4])
