@@ -122,9 +122,11 @@ def _find_boxes(image: NDArray[np.uint8], edges: list[Band], light_edges: list[B
     height = len(image)
     found: list[Band] = []
     for k, upper in enumerate(edges):
-        if found and upper.top <= found[-1].bottom:
+        # the edge at which a box ends may be the beginning of another one, or this of a strip of field
+        taken = found[-1].bottom if found else -1
+        if upper.bottom < taken:
             continue
-        top = _uppermost(edges[:k], upper.top, height)
+        top = max(_uppermost(edges[:k], upper.top, height), taken + 1)
         lower = (edge for edge in edges[k + 1 :] if _is_opposite(upper, edge, height))
         boxes = (_between(image, top, upper, edge) for edge in lower)
         # the nearest one: further away the field begins again, and ends at the next box

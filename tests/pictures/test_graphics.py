@@ -62,6 +62,15 @@ def test_the_ground_between_the_touchline_and_the_boards_is_no_box():
     assert abs(band.bottom - 77) <= 3
 
 
+def test_the_field_between_level_boards_and_a_box_is_no_box():
+    """Both of its edges run along rows, little field is seen elsewhere, and the box is as light as grass."""
+    image = field()
+    image[:100], image[250:] = (150, 60, 40), (90, 80, 80)
+    image[200:225] = (60, 104, 124)
+    (band,) = find_bands(image)
+    assert (band.top, band.bottom) == (pytest.approx(200, abs=3), pytest.approx(224, abs=3))
+
+
 def test_a_grey_box_under_a_crowd_is_a_box():
     """The crowd is grey on the average, and each of its places has another colour."""
     image = field()
