@@ -82,12 +82,16 @@ class LinePoints(ShortRepr):
     """Points on the centreline of one straight marking.
 
     ``line`` is the template's name, or None while it is not known which one it is; ``ends`` are those that are seen.
+    ``width_px`` is how wide it is at half height, 0 where that was not measured, and ``blur_px`` the standard deviation
+    of the picture's blur, which is a part of that width.
     """
 
     line: str | None
     points_px: Array
     sigma_px: Array
     ends: tuple[LineEnd, ...] = ()
+    width_px: float = 0.0
+    blur_px: float = 0.0
 
     @property
     def key(self) -> MarkingKey | None:

@@ -30,6 +30,7 @@ from circlecal.estimation.task import DENSE_POINTS, Fit, Task, is_dense
 from circlecal.geometry.camera_parameters import INDEX
 from circlecal.geometry.least_squares import StoppingRule
 from circlecal.geometry.projective import Array
+from circlecal.line_naming.broad_lines import hide_broad_lines
 from circlecal.line_naming.hypotheses import find_nameless_lines, name_lines
 from circlecal.line_naming.line_ends import add_line_ends, agree_with_ends
 from circlecal.observations import Observations
@@ -136,7 +137,8 @@ def recognise(task: Task, stated: CurvePoints, fit: Fit) -> Recognised | None:
     """What can be named beside the markings ``stated``; None where there is nothing more."""
     if not task.config.name_lines:
         return None
-    observations, template, noise = task.observations, task.template, task.coarse_noise
+    template, noise = task.template, task.coarse_noise
+    observations = hide_broad_lines(task.observations, fit.problem, fit.state, template)
     fuller, with_ends, ends = add_line_ends(fit.problem, fit.state, observations, template)
     found = name_lines(fuller, with_ends, observations, template, noise, ends)
     most = len(find_nameless_lines(observations))

@@ -40,6 +40,7 @@ from circlecal.geometry.camera_parameters import INDEX, KAPPA_1, level_points
 from circlecal.geometry.least_squares import StoppingRule
 from circlecal.geometry.medians import median_of_rows
 from circlecal.geometry.projective import Array
+from circlecal.line_naming.broad_lines import hide_broad_lines
 from circlecal.line_naming.hypotheses import find_nameless_lines
 
 LENS_STRAIN, LEAST_TOLD_SD = 1.0, 0.03
@@ -392,8 +393,9 @@ def _may_be_of_any_size(task: Task, usual: tuple[Task, Fit], answers: list[Answe
     named, fit = usual
     if depends_on_size(fit.problem.curves) and _doubt(answers) > DOUBTED_SHARE:
         return True
-    seen = [line.points_px for line in task.observations.lines]
-    length_px = {k: _length_of_view_px(seen[k]) for k in find_nameless_lines(task.observations)}
+    observations = hide_broad_lines(task.observations, fit.problem, fit.state, task.template)
+    seen = [line.points_px for line in observations.lines]
+    length_px = {k: _length_of_view_px(seen[k]) for k in find_nameless_lines(observations)}
     named_px = sum(length_px.pop(k, 0.0) for k in named.names)
     nameless_px = sum(length_px.values())
     least_px = ACROSS_WIDTHS * task.observations.width

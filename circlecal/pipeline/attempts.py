@@ -77,13 +77,15 @@ def measure(
         with setting.clock("ellipse"):
             has_lines = marking.halfway is not None and len(marking.lines) > 0
             ellipses = fit_ellipses(rays, setting.width, config.ellipse, setting.rng, has_lines=has_lines)
-            attempt = replace(attempt, ellipses=ellipses, observations=observe(setting, ellipses, Cues(None, None)))
+            attempt = replace(
+                attempt, ellipses=ellipses, observations=observe(setting, ellipses, Cues(None, None), edges.blur_px)
+            )
         with setting.clock("cues"):
             cues = find_cues(picture, marking, ellipses, edges.noise, template, config.cues, edges.blur_px)
             cues = scene.clear_cues(cues)
             cues = set_apart_other_sports(setting, scene, marking, ellipses, cues)
             arcs = tuple(arc.points_px for arc in marking.arcs)
-            observations = replace(observe(setting, ellipses, cues), curves=arcs)
+            observations = replace(observe(setting, ellipses, cues, edges.blur_px), curves=arcs)
             attempt = replace(attempt, cues=cues, observations=observations)
     except EstimationError as error:
         return refuse_attempt(attempt, error)
@@ -126,8 +128,8 @@ def _tells_other_paints(setting: Setting, scene: Scene, marking: MarkingMask) ->
     return setting.template.is_in_one_paint and marking.source == "detector" and scene.relief is None
 
 
-def observe(setting: Setting, ellipses: EllipseFits, cues: Cues) -> Observations:
-    """What the picture showed, as observations.
+def observe(setting: Setting, ellipses: EllipseFits, cues: Cues, blur_px: float) -> Observations:
+    """What the picture showed, as observations, with the standard deviation of its blur.
 
     The centreline's points already hold both edges, so the edges are given only where there is no centreline.
     """
@@ -138,7 +140,9 @@ def observe(setting: Setting, ellipses: EllipseFits, cues: Cues) -> Observations
         if fit is not None
     )
     seen = (*((cues.halfway,) if cues.halfway is not None else ()), *cues.lines)
-    lines = tuple(LinePoints(line.name, line.points_px, line.sigma_px, line.ends) for line in seen)
+    lines = tuple(
+        LinePoints(line.name, line.points_px, line.sigma_px, line.ends, line.width_px, blur_px) for line in seen
+    )
     marks = () if cues.mark is None else (MarkPoint(cues.mark.name, cues.mark.point_px, cues.mark.sigma_px),)
     return Observations(setting.width, setting.height, circles, lines, marks)
 

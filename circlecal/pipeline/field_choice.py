@@ -31,7 +31,7 @@ from circlecal.pipeline.setting import Looks, Scene
 from circlecal.placement import ViewEvidence, weigh_view
 from circlecal.results import FieldCandidate, FrameCalibration
 from circlecal.stages.mask import tell_grounds
-from circlecal.stages.verdict_on_picture import is_beyond_doubt, needs_confirmation
+from circlecal.stages.verdict_on_picture import FOUND_SURELY, is_beyond_doubt, needs_confirmation
 
 LEAST_EVIDENCE = 0.3
 """Length of markings that lie where they should beyond break-even, picture widths, without which no answer is believed
@@ -115,10 +115,12 @@ def calibrate_unknown_field(
     scene = Scene(image, brightness, None, None, None, looks)
     is_at_home = _may_lie_on(load_field(names[0]), grounds)
     first = calibrate(names[0], is_brief=not is_at_home)
-    if _is_settled(first, grounds) and not is_compared:
+    is_told = _is_size_told(first)
+    if is_told and _is_settled(first, grounds) and not is_compared:
         return replace(first, fields=(candidate_of(first),))
+    others = names[1:] if is_told else _find_rivals(first, scene, config, grounds)
     answers = [replace(_weigh(scene, config, first), is_at_home=is_at_home)]
-    _try_others(answers, scene, config, grounds, calibrate)
+    _try_others(answers, others, scene, config, grounds, calibrate)
     if not is_at_home and not _is_seen(answers[1:]):
         answers[0] = replace(_weigh(scene, config, calibrate(names[0])), is_at_home=False)
     chosen = choose_answer(answers)
@@ -130,18 +132,19 @@ def calibrate_unknown_field(
 
 def _try_others(
     answers: list[Answer],
+    others: Sequence[str],
     scene: Scene,
     config: Config,
     grounds: Sequence[Ground],
     calibrate: Callable[..., FrameCalibration],
 ) -> None:
-    """Add the answers under the other templates to that under the first.
+    """Add the answers under other templates to that under the first.
 
     Those that suit the ground come first; after a group of which one has any weight no other is tried, no sport beside
     one that is settled, no league beside one that explains clearly more, and none of a floor where a rink is seen that
     does not calibrate. Beside a field of another sport that is painted only the likeliest circle is tried.
     """
-    for group in _group_by_ground(config.field.among[1:], grounds):
+    for group in _group_by_ground(others, grounds):
         if grounds[0] == "ice" and _is_rink(answers, scene, config):
             break
         for name in group:
@@ -208,8 +211,8 @@ def _group_by_ground(names: Sequence[str], grounds: Sequence[Ground]) -> list[li
 
 
 def _is_settled(found: FrameCalibration, grounds: Sequence[Ground]) -> bool:
-    """Whether a first answer needs no other template beside it: on its own ground it is not doubtful, on another one
-    several further markings carry it.
+    """Whether a first answer needs no other template beside it, if its size is told: on its own ground it is not
+    doubtful, on another one several further markings carry it.
     """
     if found.status != "calibrated" or found.template is None or needs_confirmation(found.verdict):
         return False
@@ -217,6 +220,27 @@ def _is_settled(found: FrameCalibration, grounds: Sequence[Ground]) -> bool:
         return True
     camera, cues = found.attempt.camera, found.attempt.cues
     return camera is not None and cues is not None and is_beyond_doubt(camera, cues, found.template)
+
+
+def _is_size_told(found: FrameCalibration) -> bool:
+    """Whether a calibrated field has its usual size, or markings to which the camera was not fitted are where that size
+    has them: circle, halfway line and touchlines of another sport's field are those of a pitch of some size.
+
+    Of 16 rendered fields on green and blue (futsal, handball, robots') twelve were taken for pitches 54 to 62 m wide.
+    """
+    camera, check = found.attempt.camera, found.verdict.check("found_share")
+    is_usual = camera is None or camera.field_size is None or camera.field_size.is_usual
+    return is_usual or (check is not None and check.value >= FOUND_SURELY)
+
+
+def _find_rivals(first: FrameCalibration, scene: Scene, config: Config, grounds: Sequence[Ground]) -> list[str]:
+    """The other templates that may be the field of a first answer whose size is not told: those that explain about as
+    much of the paint where its camera has them. Of an answer that is not settled all are.
+    """
+    others = list(config.field.among[1:])
+    if not _is_settled(first, grounds):
+        return others
+    return [name for name in others if may_be_league(scene, config, [first], load_field(name))]
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,7 +277,8 @@ class Answer:
         """
         share, camera = self.candidate.explained_share or 0.0, self.found.attempt.camera
         is_rich = camera is not None and len(camera.residuals_px) >= SETTLED_MARKINGS
-        return self.weight > 0.0 and self.is_at_home and is_rich and share >= EXPLAINED_SHARE
+        is_sure = self.weight > 0.0 and self.is_at_home and is_rich and share >= EXPLAINED_SHARE
+        return is_sure and _is_size_told(self.found)
 
 
 def choose_answer(answers: Sequence[Answer]) -> FrameCalibration:

@@ -88,9 +88,16 @@ def _recall_searches(looks: Looks, template: FieldTemplate) -> tuple[tuple[SeenP
 
 
 def _lay_again(scene: Scene, config: Config, found: FrameCalibration) -> ViewEvidence:
-    """What speaks most for a field that was tried: where searches laid it, or its own camera has it."""
+    """What speaks most for a field that was tried: where searches laid it, or its own camera has it, in its own size
+    and in its usual one.
+    """
     searched = recall_evidence(scene, found.field_name) or NOTHING_LAID
-    return max([searched, *_lay_over_camera(scene, config, found, found.template)], key=weigh)
+    seen = [searched, *_lay_over_camera(scene, config, found, found.template)]
+    template, mask = found.template, found.attempt.mask
+    if found.status == "calibrated" and template is not None and mask is not None:
+        view, paint = found.view, look_for_paint(scene, mask, suit_config(config, found.field_name), template)
+        seen += [] if view is None or paint is None else [weigh_view(view, template, paint)]
+    return max(seen, key=weigh)
 
 
 def _lay_other(scene: Scene, config: Config, found: FrameCalibration, template: FieldTemplate) -> list[ViewEvidence]:

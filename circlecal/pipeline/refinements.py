@@ -192,7 +192,7 @@ def add_faint_lines(setting: Setting, scene: Scene, attempt: Attempt) -> Iterato
     """The attempt with straight markings that stand out only where an uncertain camera may put them."""
     if attempt.fitted is None:
         return
-    mask, _, cues, observations, camera, _ = attempt.fitted
+    mask, edges, cues, observations, camera, _ = attempt.fitted
     with setting.clock("cues"):
         picture = lighten_markings(scene.marked, mask, setting.circle)
         seen = find_faint_lines(picture, camera, setting.template, setting.circle, mask.field_region)
@@ -204,7 +204,7 @@ def add_faint_lines(setting: Setting, scene: Scene, attempt: Attempt) -> Iterato
         )
     if not found:
         return
-    lines = (LinePoints(None, line.points_px, line.sigma_px) for line in found)
+    lines = (LinePoints(None, line.points_px, line.sigma_px, (), line.width_px, edges.blur_px) for line in found)
     more = replace(observations, lines=(*observations.lines, *lines))
     more_cues = replace(cues, lines=(*cues.lines, *found))
     yield estimate(setting, replace(attempt, cues=more_cues, observations=more, verdict=None))

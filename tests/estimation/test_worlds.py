@@ -14,6 +14,7 @@ from circlecal.estimation import worlds as module
 from circlecal.estimation.worlds import _by_size, _reach
 from circlecal.field.template import Extent
 from circlecal.geometry.camera_parameters import INDEX, project
+from circlecal.observations import LinePoints, Observations
 from tests.camera.test_problem import observed, plain_theta, priors, problem_of
 
 WORLDS = tuple(World(size, is_flat, 1 / 6) for is_flat in (False, True) for size in ("usual", "other_length", "any"))
@@ -215,9 +216,8 @@ def test_lines_are_named_anew_once_whichever_noise_asks_for_it(asks_at_first, mo
 )
 def test_names_of_few_points_weigh_nothing_against_long_lines_without_a_name(named_px, nameless_px, asks, monkeypatch):
     def line(name, count, length_px):
-        return SimpleNamespace(
-            line=name, points_px=np.column_stack([np.linspace(0.0, length_px, count), np.zeros(count)])
-        )
+        points_px = np.column_stack([np.linspace(0.0, length_px, count), np.zeros(count)])
+        return LinePoints(name, points_px, np.ones(count))
 
     lines = (
         line("halfway_line", 50, 400.0),
@@ -225,10 +225,10 @@ def test_names_of_few_points_weigh_nothing_against_long_lines_without_a_name(nam
         line(None, 40, named_px),
         line(None, 40, nameless_px),
     )
-    task = SimpleNamespace(observations=SimpleNamespace(lines=lines, width=1280))
+    task = SimpleNamespace(observations=Observations(1280, 720, (), lines), template=None)
     usual = (
         SimpleNamespace(names={1: "side_line_top", 2: "big_rect_left_top"}),
-        SimpleNamespace(problem=SimpleNamespace(curves=None)),
+        SimpleNamespace(problem=SimpleNamespace(curves=None), state=None),
     )
     monkeypatch.setattr(module, "depends_on_size", lambda curves: False)
     monkeypatch.setattr(module, "_runs_across", lambda fit, points_px: False)

@@ -213,6 +213,7 @@ def test_no_other_sport_is_tried_where_one_explains_all_that_is_painted(monkeypa
     camera = CameraFit.__new__(CameraFit)
     object.__setattr__(camera, "residuals_px", {MarkingKey(str(k)): 0.0 for k in range(SETTLED_MARKINGS)})
     object.__setattr__(camera, "max_sigma_px", 1.0)
+    object.__setattr__(camera, "field_size", None)
     asked = []
 
     def calibrate(image, config, *, is_brief, **_):
@@ -248,6 +249,17 @@ def test_a_league_is_left_out_only_where_it_explains_clearly_less(profile, seed,
     found = calibrate_unknown_field(picture, config, frame_id="x")
     assert found.status == "calibrated"
     assert [field.template for field in found.fields if field.template != "soccer"] == tried
+
+
+@pytest.mark.parametrize(("field", "size"), [("futsal", {}), ("soccer", {"width": 61.0})])
+def test_a_pitch_of_unusual_size_is_believed_where_no_other_field_explains_as_much(field, size):
+    """With its circle, its halfway line and its touchlines a futsal court is a pitch 61 m wide, seen from farther."""
+    config = load_config(None, {"field.template": "auto", "field.among": ["soccer", "futsal"]})
+    picture = render_frame("easy", np.random.default_rng(3), 960, 540, load_field(field, size)).image
+    found = calibrate_unknown_field(picture, config, frame_id="x")
+    assert (found.status, found.field_name) == ("calibrated", field)
+    if field == "soccer":
+        assert not found.attempt.camera.field_size.is_usual
 
 
 def test_every_field_may_be_seen_beside_one_that_was_laid_nowhere():

@@ -80,7 +80,7 @@ def test_a_faint_line_that_is_yellow_or_was_measured_before_in_pieces_is_none(
     lines = ((), pieces) if are_apart else (pieces, ())
     attempt = Attempt(cues=Cues(cue(0, 9, 99.0, 9), None, *lines), observations=Observations(1280, 720, (), ()))
     mask = SimpleNamespace(field_region=None)
-    fitted = (mask, None, attempt.cues, attempt.observations, None, None)
+    fitted = (mask, SimpleNamespace(blur_px=1.2), attempt.cues, attempt.observations, None, None)
     monkeypatch.setattr(Attempt, "fitted", property(lambda self: fitted))
     monkeypatch.setattr(refinements, "lighten_markings", lambda *_: None)
     monkeypatch.setattr(refinements, "find_faint_lines", lambda *_: (faint,))
