@@ -197,13 +197,29 @@ def survey_video(run: ClipRun, video: Video) -> Venue | str:
         config = run.config_of(video)
         named = (a for a in read_anchors(video, run.annotations, config) if start <= a.time_s < end)
         anchors = tuple(replace(anchor, time_s=anchor.time_s - start) for anchor in named)
-        known = run.known and run.known.suit_pixels((video.width, video.height), config.camera.aspect)
+        known = _suit_known(run, video)
         return survey_clip(shift_times, length, config, known, anchors, 1.0 / video.rate)
     except CirclecalError as error:
         return str(error)
     except Exception as error:  # noqa: BLE001 - one bad clip never stops the rest
         _log.debug("internal error", exc_info=True)
         return f"{video.path}: internal error: {type(error).__name__}: {error}"
+
+
+def _suit_known(run: ClipRun, video: Video) -> Venue | None:
+    """What is known of the cameras from elsewhere, for the pictures of a video.
+
+    Raises
+    ------
+    InputError
+        They show another shape than the clip's.
+    """
+    if run.known is None:
+        return None
+    try:
+        return run.known.suit_pictures((video.width, video.height), run.config_of(video).camera.aspect)
+    except InputError as error:
+        raise InputError(f"{video.path}: {error}") from error
 
 
 def track_alone(run: ClipRun, known: tuple[Stretch, Venue]) -> StretchResult:
