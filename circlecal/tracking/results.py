@@ -47,7 +47,7 @@ class TrackedFrame:
     Attributes
     ----------
     index, time_s : int, float
-        Number of the frame, from 0, by the video's mean rate, and its time from the first frame that is shown.
+        Number of the frame in the video, from 0, and its time from the first frame that is shown.
     size : (int, int)
         Width and height of the picture.
     shot : int
