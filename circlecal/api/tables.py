@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -20,13 +21,16 @@ from circlecal.records.log import read_records
 from circlecal.records.record import ResultRecord
 
 NO_SUCH_FRAME = "no such frame"
+SEVERAL_CLIPS = "several clips have a frame of this number; give its id"
 OUTSIDE = "outside the field"
 _COLUMNS = ("frame", "x", "y")
+_NUMBER = re.compile(r"(\d{1,12})(?:\.0+)?", re.ASCII)
+"""Of a frame, also as programs write one that keep whole numbers as others."""
 
 
 @dataclass(frozen=True, slots=True)
 class TablePoint:
-    """A point (2,) of a frame, as it was given, and the cells of its row."""
+    """A point (2,) of a frame, which its id names, or its number in a tracked clip, and the cells of its row."""
 
     frame: str
     x: float
@@ -105,7 +109,7 @@ def project_table(results: Path, points: list[TablePoint], to: Literal["field", 
     results : path
         Folder of a run, its ``results.jsonl``, or a result file.
     points : list of TablePoint
-        Pixels for ``field``, metres for ``image``.
+        Pixels for ``field``, metres for ``image``. A frame that is no id is the number of one in the tracked clip.
     to : {"field", "image"}
         Where to.
 
@@ -114,15 +118,40 @@ def project_table(results: Path, points: list[TablePoint], to: Literal["field", 
     InputError
         The results cannot be read.
     """
-    of_frame: dict[str, list[int]] = defaultdict(list)
-    for index, point in enumerate(points):
-        of_frame[point.frame].append(index)
+    by_id, by_number = _group_points(points)
     answers: dict[int, ProjectedPoint] = {}
+    numbered: dict[int, ProjectedPoint] = {}
     for record in read_records(results):
-        indices = of_frame.get(record.id, [])
-        answers |= dict(zip(indices, project_points(record, [points[k] for k in indices], to), strict=True))
+        answers |= _project_of(record, points, by_id.get(record.id, []), to)
+        of_number = [] if record.track is None else by_number.get(record.track.frame, [])
+        several = {k: replace(_nowhere(points[k]), note=SEVERAL_CLIPS) for k in of_number if k in numbered}
+        numbered |= several or _project_of(record, points, of_number, to)
     for index, point in enumerate(points):
-        yield answers.get(index) or ProjectedPoint(point, np.nan, np.nan, np.nan, NO_SUCH_FRAME)
+        yield answers.get(index) or numbered.get(index) or _nowhere(point)
+
+
+def _nowhere(point: TablePoint) -> ProjectedPoint:
+    """A point of a frame that is not there."""
+    return ProjectedPoint(point, np.nan, np.nan, np.nan, NO_SUCH_FRAME)
+
+
+def _group_points(points: list[TablePoint]) -> tuple[dict[str, list[int]], dict[int, list[int]]]:
+    """Places of points in their list by what names their frame, and by its number where that may be one."""
+    by_id: dict[str, list[int]] = defaultdict(list)
+    by_number: dict[int, list[int]] = defaultdict(list)
+    for index, point in enumerate(points):
+        by_id[point.frame].append(index)
+        number = _NUMBER.fullmatch(point.frame.strip())
+        if number is not None:
+            by_number[int(number[1])].append(index)
+    return by_id, by_number
+
+
+def _project_of(
+    record: ResultRecord, points: list[TablePoint], indices: list[int], to: Literal["field", "image"]
+) -> dict[int, ProjectedPoint]:
+    """Some of the points, by their places in the list, with one record."""
+    return dict(zip(indices, project_points(record, [points[k] for k in indices], to), strict=True))
 
 
 def project_points(

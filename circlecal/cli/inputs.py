@@ -291,6 +291,23 @@ def note_late_start(videos: Sequence[Video], sampling: Sampling) -> None:
             )
 
 
+def _tell_way_to_video(paths: Sequence[Path]) -> str:
+    """What to do with files that are no videos where one is needed."""
+    from circlecal.files import is_folder
+    from circlecal.pictures.files import PICTURE_SUFFIXES, walk
+
+    animation = next((path for path in paths if path.suffix.lower() in (".gif", ".apng")), None)
+    if animation is not None:
+        return f"make one of the animation, as ffmpeg -i {animation.name} -pix_fmt yuv420p {animation.stem}.mp4 does"
+    files = (file for path in paths for file in (walk(path) if is_folder(path) else [path]))
+    picture = next((file for file in files if file.suffix.lower() in PICTURE_SUFFIXES), Path("frame.png"))
+    pattern = picture.with_name(f"*{picture.suffix}")
+    return (
+        f"join the pictures of a clip to one, as ffmpeg -framerate 25 -pattern_type glob -i '{pattern}' "
+        "-pix_fmt yuv420p clip.mp4 does; those of different views go to circlecal calibrate and batch"
+    )
+
+
 def choose_videos(inputs: Sequence[str], report: Callable[[Exception], None]) -> list[Video]:
     """The videos among the inputs, with different names; those that cannot be read are reported.
 
@@ -311,7 +328,7 @@ def choose_videos(inputs: Sequence[str], report: Callable[[Exception], None]) ->
     for path in named.paths:
         require_input(path)
     if not named.videos:
-        raise InputError(f"{', '.join(inputs)}: holds no video; pictures go to circlecal calibrate and batch")
+        raise InputError(f"{', '.join(inputs)}: holds no video; {_tell_way_to_video(named.paths)}")
     videos = []
     names = distinct_names([path.stem for path in named.videos])
     for path, name in zip(named.videos, names, strict=True):

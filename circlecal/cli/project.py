@@ -52,7 +52,11 @@ def project(
     ] = None,
     points: Annotated[
         Path | None,
-        typer.Option("--points", metavar="CSV", help="Table with the columns frame, x, y; - reads standard input."),
+        typer.Option(
+            "--points",
+            metavar="CSV",
+            help="Table with the columns frame (id, or number in a tracked clip), x, y; - reads standard input.",
+        ),
     ] = None,
     to: Annotated[Target, typer.Option("--to", help="field: pixels to metres; image: metres to pixels.")],
     as_json: options.Json = False,
@@ -173,7 +177,10 @@ def _project_table(results: Path, points: Path, to: Target, *, as_json: bool) ->
         cells = ["" if _finite(value) is None else f"{value:z.6g}" for value in place]
         console.print_line(_as_row([*found.given.cells, *cells, found.note]))
     if not is_known:
-        raise InputError(f"{points}: {results} has none of its frames; the column frame holds their ids")
+        raise InputError(
+            f"{points}: {results} has none of its frames; the column frame holds their ids, or the numbers "
+            "of those of one tracked clip"
+        )
 
 
 def _as_row(cells: Sequence[str]) -> str:

@@ -87,6 +87,11 @@ class CameraFrame:
     image: str | None = None
     is_stretched: bool = False
 
+    @property
+    def is_accepted(self) -> bool:
+        """Whether there is a camera, or a homography; there is none of a refused frame."""
+        return self.camera is not None or self.H_image_field is not None
+
     def require_camera(self) -> Camera:
         """The camera, if need be the one that fits the homography.
 

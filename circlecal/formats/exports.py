@@ -308,8 +308,9 @@ def convert(
                 raise
             failures.append(error)
             continue
-        if not held:
+        if not any(isinstance(frame, AnnotatedFrame) or frame.is_accepted for frame in held):
             _log.warning("%s: holds no accepted frame; left out", path)
+            continue
         frames += held
     if failures and not frames:
         raise failures[0]
@@ -392,7 +393,8 @@ def _read_frames(path: Path, source: str | None, goal: _Goal) -> Sequence[Annota
         if goal.cameras is None:
             raise InputError(f"{path}: there is no way from a {RESULT.name} {RESULT.kind} to {goal.name}; {_pairs()}")
         records = read_records(path)
-        return [camera for record in records for camera in _cameras_of_record(record, goal.cameras, goal.template)]
+        held = [camera for record in records for camera in _cameras_of_record(record, goal.cameras, goal.template)]
+        return sorted(held, key=lambda frame: frame.id)
     found, content = open_file(path, source)
     if isinstance(found, AnnotationFormat) and goal.annotations:
         return parse_annotations(found, content, goal.size)
@@ -437,9 +439,15 @@ def _reduce(path: Path, frame: CameraFrame, target: CameraFormat, template: Fiel
 
 
 def _cameras_of_record(record: ResultRecord, target: CameraFormat, template: FieldTemplate) -> list[CameraFrame]:
-    """The camera of a record as a format holds it; none of a refused frame."""
+    """The camera of a record as a format holds it; of a refused frame none, or a frame without a camera where the
+    format lists these.
+    """
     stored = CalibratedFrame.of(record, template, template.circle_by_name[template.default_circle])
-    return [] if stored is None else [replace(stored, image=_picture_name(record)).reduce(target.holds)]
+    if stored is not None:
+        return [replace(stored, image=_picture_name(record)).reduce(target.holds)]
+    if record.image is None or not target.lists_refused:
+        return []
+    return [CameraFrame(record.id, record.width, record.height, image=_picture_name(record))]
 
 
 def _number(frames: Sequence[F]) -> list[F]:

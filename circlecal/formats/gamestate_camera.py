@@ -79,7 +79,7 @@ def write(frames: Sequence[CameraFrame]) -> bytes:
     images: list[dict[str, Any]] = []
     annotations: list[dict[str, Any]] = []
     for number, frame in enumerate(frames, start=1):
-        key, has_camera = f"{number:010d}", frame.camera is not None or frame.H_image_field is not None
+        key, has_camera = f"{number:010d}", frame.is_accepted
         images.append(
             {
                 "is_labeled": has_camera,

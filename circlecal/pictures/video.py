@@ -7,6 +7,7 @@ PyAV, which is loaded when the first video is opened.
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import math
 import re
@@ -39,6 +40,9 @@ _SEEK_GAP_S = 8.0
 _SEEK_MARGINS_S = (3.0, 12.0)
 """A seek aims this much before the time that is wanted, since containers without an index (transport streams) lead to
 any packet, and decoding begins at the next key frame; tried in this order."""
+_REORDER_S = 5.0
+"""Longest time by which a packet may stand in the file behind one that is shown after it, seconds: 16 frames at 4
+frames per second."""
 _SHORTEST_PERIOD_S = 0.001
 _FALLBACK_RATE = 25.0
 _MAX_RATE = 1000.0
@@ -234,6 +238,28 @@ class Video:
         if missing:
             on_missing(f"{self.path}: {missing}; all else was read")
 
+    def list_times(self, end_s: float = math.inf) -> tuple[float, ...]:
+        """Times of the frames, seconds, in order, as the packets of the file tell them: nothing is decoded but the
+        first frame, but the file is read.
+
+        Parameters
+        ----------
+        end_s : float
+            Frames from here on may be left out.
+
+        Returns
+        -------
+        tuple of float
+            Empty where the packets tell no times.
+
+        Raises
+        ------
+        InputError
+            Missing, or no video.
+        """
+        with _Decoder(self.path) as decoder:
+            return tuple(decoder.list_times(end_s))
+
 
 def pictures_at(path: Path, times_s: Iterable[float], *, exact: bool = True) -> Iterator[NDArray[np.uint8] | None]:
     """Pictures (H, W, 3) of frames whose times :meth:`Video.frames` told, in any order (fastest where they grow); None
@@ -399,6 +425,23 @@ class _Decoder:
         self._container.close()
         self._open()
         self.grab()
+
+    def list_times(self, end_s: float) -> list[float]:
+        """Times of the frames in order, seconds, without decoding: those of packets that are shown, from the first
+        frame on. Nothing can be decoded any more after this.
+        """
+        self._container.close()
+        self._open()
+        base, first_s, found = float(self._stream.time_base or 1), self._first_s or 0.0, []
+        with contextlib.suppress(*self._failures):
+            for packet in self._container.demux(self._stream):
+                ticks = packet.dts if packet.pts is None else packet.pts
+                if ticks is None or packet.is_discard or packet.size == 0:
+                    continue
+                found.append(ticks * base - first_s)
+                if packet.dts is not None and packet.dts * base - first_s > end_s + _REORDER_S:
+                    break
+        return sorted(time_s for time_s in found if time_s > -_TOLERANCE_S)
 
     def missing(self, until_s: float) -> str:
         """What could not be read of a video that should go on until a time, in words; empty for nothing."""

@@ -22,10 +22,13 @@ _TIME_BASE = Fraction(1, 90000)
 """Unit of the times in the file, seconds: periods of 24, 25, 30000/1001, 30, 50 and 60 frames per second are whole
 numbers of it."""
 _CODECS = (
-    ("libx264", {"preset": "veryfast", "crf": "20"}),
-    ("mpeg4", {"qscale": "3"}),
+    ("libx264", {"preset": "veryfast", "crf": "20"}, _TIME_BASE),
+    ("mpeg4", {"qscale": "3"}, Fraction(1, 60000)),
 )
-"""The first one that this FFmpeg has: builds without x264 exist."""
+"""The first one that this FFmpeg has, since builds without x264 exist; and its unit of times, seconds: MPEG-4 takes no
+finer one than 1/65535."""
+_INTERLACED = {"flags": "+ildct+ilme"}
+"""Makes an encoder code two fields in every frame, the upper one first, and the file say so."""
 _BT709 = 1
 """Number of the matrix, the primaries and the transfer of high definition video in ITU-T H.273."""
 
@@ -33,8 +36,10 @@ _BT709 = 1
 class VideoWriter:
     """Takes the frames of a video that :func:`write_video` has opened."""
 
-    def __init__(self, container: OutputContainer, rate: float, aspect: float | None = None) -> None:
-        self._container, self._aspect = container, aspect
+    def __init__(
+        self, container: OutputContainer, rate: float, aspect: float | None = None, *, is_interlaced: bool = False
+    ) -> None:
+        self._container, self._aspect, self._is_interlaced = container, aspect, is_interlaced
         self._rate = Fraction(rate).limit_denominator(1001)
         self._stream: VideoStream | None = None
         self._last = -1
@@ -72,10 +77,11 @@ class VideoWriter:
     def _add_stream(self, width: int, height: int) -> VideoStream:
         import av
 
-        name, options = next(entry for entry in _CODECS if entry[0] in av.codecs_available)
+        name, options, time_base = next(entry for entry in _CODECS if entry[0] in av.codecs_available)
+        options = options | (_INTERLACED if self._is_interlaced else {})
         stream = cast("VideoStream", self._container.add_stream(name, rate=self._rate, options=options))
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
-        stream.codec_context.time_base = stream.time_base = _TIME_BASE
+        stream.codec_context.time_base = stream.time_base = time_base
         if self._aspect is not None:
             stream.codec_context.sample_aspect_ratio = Fraction(self._aspect).limit_denominator(1000)
         stream.colorspace = stream.color_primaries = stream.color_trc = _BT709
@@ -83,7 +89,9 @@ class VideoWriter:
 
 
 @contextlib.contextmanager
-def write_video(path: Path, rate: float, aspect: float | None = None) -> Iterator[VideoWriter]:
+def write_video(
+    path: Path, rate: float, aspect: float | None = None, *, is_interlaced: bool = False
+) -> Iterator[VideoWriter]:
     """A video file that appears whole when the block is left without an error, and else not at all.
 
     Parameters
@@ -94,6 +102,8 @@ def write_video(path: Path, rate: float, aspect: float | None = None) -> Iterato
         Frames per second as the header tells it; every frame has its own time nevertheless.
     aspect : float, optional
         Width of a pixel over its height, where it is not 1.
+    is_interlaced : bool
+        Whether every picture holds two fields, the earlier one in its even rows, counted from 0; the file says so.
 
     Raises
     ------
@@ -107,7 +117,7 @@ def write_video(path: Path, rate: float, aspect: float | None = None) -> Iterato
             replacement(path) as temporary,
             av.open(str(temporary), "w", format="mp4", options={"movflags": "faststart"}) as container,
         ):
-            writer = VideoWriter(container, rate, aspect)
+            writer = VideoWriter(container, rate, aspect, is_interlaced=is_interlaced)
             yield writer
             writer.finish()
     except av.FFmpegError as error:

@@ -33,6 +33,14 @@ def _camera(name: str, place: int | None = None) -> _Read:
     return read
 
 
+def _size(name: str) -> _Read:
+    def read(record: ResultRecord) -> Any:
+        size = None if record.camera is None else record.camera.field_size
+        return None if size is None else getattr(size, name)
+
+    return read
+
+
 def _track(name: str) -> _Read:
     return lambda record: None if record.track is None else getattr(record.track, name)
 
@@ -79,6 +87,8 @@ COLUMNS: dict[str, _Read] = {
     "crown_radius_m": _camera("crown_radius_m"),
     "length_m": lambda record: record.field_size_m[0],
     "width_m": lambda record: record.field_size_m[1],
+    "length_sd_m": _size("length_sd_m"),
+    "width_sd_m": _size("width_sd_m"),
     **{f"h{row + 1}{column + 1}": _entry(row, column) for row in range(3) for column in range(3)},
     "head_pan_deg": _head("pan_degrees"),
     "head_tilt_deg": _head("tilt_degrees"),

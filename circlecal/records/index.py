@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Iterable, Iterator
-from contextlib import closing, suppress
+from contextlib import suppress
 from dataclasses import astuple, fields
 from pathlib import Path
 
@@ -105,10 +105,13 @@ class ResultIndex:
         return int(self._database.execute("SELECT count(*) FROM frames").fetchone()[0])
 
     def rows(self) -> Iterator[FrameSummary]:
-        """All rows in the order of their ids."""
-        with closing(self._database.execute("SELECT * FROM frames ORDER BY id")) as cursor:
-            for row in cursor:
-                yield FrameSummary(*row)
+        """All rows in the order of their ids, read in pages: whoever stops half-way, as Ctrl-C does, leaves nothing
+        open that must be closed before the database.
+        """
+        last, query = "", "SELECT * FROM frames WHERE id > ? ORDER BY id LIMIT ?"
+        while page := [FrameSummary(*row) for row in self._database.execute(query, (last, _PAGE)).fetchall()]:
+            yield from page
+            last = page[-1].id
 
 
 def _open(path: Path) -> sqlite3.Connection:

@@ -514,8 +514,8 @@ class HeadRecord(RecordPart):
 class TrackRecord(RecordPart):
     """What ``circlecal track`` knows of a frame beside its camera.
 
-    ``frame`` counts the frames of the video, by its time and the mean rate, ``shot`` its shots, both from 0, and
-    ``carried_by`` names what the answer rests on, the most important first. The name of its tripod is ``rig.camera``.
+    ``frame`` counts the frames of the video as they are shown, ``shot`` its shots, both from 0, and ``carried_by``
+    names what the answer rests on, the most important first. The name of its tripod is ``rig.camera``.
     """
 
     frame: Count

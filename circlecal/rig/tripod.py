@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from circlecal.errors import InputError
 from circlecal.field.view import FieldView
 from circlecal.geometry.camera import lens_factor, rotations_by
 from circlecal.geometry.camera_parameters import (
@@ -44,6 +45,10 @@ _PIXELS = frozenset({"pp_x", "pp_y", "pp_x_by_zoom", "pp_y_by_zoom"})
 _ROWS = "pp_y", "pp_y_by_zoom"
 SAME_SHAPE = 1e-3
 """Shapes of pixels that differ by less are written with other digits: a row of a thousand is one pixel longer."""
+SAME_FRAMING = 0.05
+"""Share by which the shape of pictures may differ from that of a camera's: 704 and 720 columns of digital television
+show one picture and differ by 2.3 %; 4:3, 16:10 and 16:9 are other cuts, and differ by 11 % at least.
+"""
 _DIRECT = ("pp_x", "pp_y", "kappa_1", "kappa_2", "log_aspect", "crown", "width", "length", "breadth")
 _ZOOMED = ("pp_x", "pp_y", "kappa_1")
 _LENS = (*_ZOOMED, *(f"{name}_by_zoom" for name in _ZOOMED), "kappa_2", "log_aspect")
@@ -326,6 +331,24 @@ class TripodEstimate:
             return self
         return self.resize(size, stretch)
 
+    def suit_pictures(self, size: tuple[int, int], aspect: float) -> TripodEstimate:
+        """The camera for pictures of another size whose pixels are ``aspect`` times as wide as tall.
+
+        Raises
+        ------
+        InputError
+            They show another shape than the camera's: what it shows in them is not known.
+        """
+        suited = self.suit_pixels(size, aspect)
+        framings = ((self, self.size), (suited, size))
+        own, other = (np.exp(t.mean[PLACE["log_aspect"]]) * width / height for t, (width, height) in framings)
+        if abs(own / other - 1.0) > SAME_FRAMING:
+            raise InputError(
+                f"{self.name}: picture_px {list(self.size)} of the venue is {own:.2f} times as wide as tall, and "
+                f"pictures of {size[0]} x {size[1]} pixels {other:.2f} times; give a venue of such pictures"
+            )
+        return suited if suited.size == size else suited.resize(size)
+
     def view(
         self, own: Array, own_covariance: Array, cross: Array | None = None, by_errors: Array | None = None
     ) -> FieldView:
@@ -384,9 +407,9 @@ class Venue:
         """
         return {tripod.name: tripod for tripod in self.tripods}[name]
 
-    def suit_pixels(self, size: tuple[int, int], aspect: float) -> Venue:
-        """The venue for pictures of another size and shape of pixels; see :meth:`TripodEstimate.suit_pixels`."""
-        return replace(self, tripods=tuple(tripod.suit_pixels(size, aspect) for tripod in self.tripods))
+    def suit_pictures(self, size: tuple[int, int], aspect: float) -> Venue:
+        """The venue for pictures of another size and shape of pixels; see :meth:`TripodEstimate.suit_pictures`."""
+        return replace(self, tripods=tuple(tripod.suit_pictures(size, aspect) for tripod in self.tripods))
 
 
 def angles_of(rotation: Array) -> Array:

@@ -30,7 +30,7 @@ def write_clip(out: Path, clip_id: str, clip: Clip, *, report: Callable[[int], N
     """
     path = out / f"{clip_id}.mp4"
     frames = []
-    with write_video(path, clip.spec.rate) as writer:
+    with write_video(path, clip.spec.rate, is_interlaced=clip.spec.interlaced) as writer:
         for picture, truth in clip.frames():
             writer.write(picture, truth.time_s)
             frames.append(truth.to_json())

@@ -37,6 +37,10 @@ GRID_M = 2.5
 """Step of the grid over the pitch on which standard deviations are taken, metres: with 5 m their mean jumps by 0.35 px
 in a picture that hardly moves, as a place comes into view at its border, with 2.5 m by 0.12 px, and with 1 m by 0.04.
 """
+CLEARLY_LESS = 0.9
+"""Share of the mean variance in the picture below which places are said to count from one end of the pitch: rounding
+alone makes no difference where the length is known.
+"""
 MEAN_SIGMA_PX, MEAN_SHARE = 8.0, 1 / 3
 """Mean standard deviation of an answer over what is seen of the pitch, pixels at 1920 px width, that is the usual
 limit, and its share of that of a frame alone, which counts where that was raised so far that it is more. A camera that
@@ -156,10 +160,10 @@ def _answer_frame(
     tripod = place.tripod
     by_head = by_common[:, : len(COMMON)]
     view = tripod.view(values, covariance, by_head)
-    largest_px, mean_px, largest_m = _visible_sigmas(view, place)
+    seen = _visible_sigmas(view, place)
     sigmas = (
-        Check.of("sigma_px", largest_px, limits.largest_px * place.unit),
-        Check.of("mean_sigma_px", mean_px, limits.mean_px * place.unit),
+        Check.of("sigma_px", seen.largest_px, limits.largest_px * place.unit),
+        Check.of("mean_sigma_px", seen.mean_px, limits.mean_px * place.unit),
     )
     checks = (
         Check("painted_share", entry.painted / max(entry.expected, 1), BARE_SHARE, not entry.is_contradicted),
@@ -171,11 +175,11 @@ def _answer_frame(
         # painters' errors are told, and refuse nothing: no picture tells them, and the limits are those of noise
         follows = np.concatenate([by_common[:, len(COMMON) :], place.by_errors])
         view = tripod.view(values, covariance, by_head, follows)
-        largest_px, _, largest_m = _visible_sigmas(view, place)
+        seen = _visible_sigmas(view, place)
     head = Head(float(values[1]), float(values[2]), float(values[0]), covariance)
     frame = TrackedFrame(
         entry.index, entry.time_s, entry.size, entry.shot, tripod.name, "calibrated", None, None, view, head,
-        entry.carriers, checks, largest_px, largest_m,
+        entry.carriers, checks, seen.largest_px, seen.largest_m, seen.end,
     )  # fmt: skip
     if entry.missing > 0 or support > (DOUBTFUL_FRAMES if entry.expected >= DOUBTFUL_PLACES else FOLLOWED_FRAMES):
         return _refuse(frame, "paint_missing")
@@ -195,19 +199,39 @@ def _spread_of(entries: list[Entry]) -> float:
     return float((off + as_taken) / (expected + as_taken)) if expected > 0.0 else 1.0
 
 
-def _visible_sigmas(view: FieldView, place: Place) -> tuple[float, float, float]:
-    """Largest and mean standard deviation, pixels, and the largest on the ground, metres, over places of the pitch that
-    the picture shows. In pixels each is counted from the middle of the pitch or from its nearer end, whichever it is
-    told by better: where only one end is seen, how long the pitch is says nothing of where that end is in the picture.
+@dataclass(frozen=True, slots=True)
+class _SeenSigmas:
+    """Largest and mean standard deviation over what is seen of the pitch, pixels, the largest on the ground, metres,
+    and the end of the pitch from which places of the frame are told best (-1 or 1 by the sign of its x), 0 for the
+    middle.
+    """
+
+    largest_px: float
+    mean_px: float
+    largest_m: float
+    end: int
+
+
+def _visible_sigmas(view: FieldView, place: Place) -> _SeenSigmas:
+    """Standard deviations over places of the pitch that the picture shows. Each place is counted from the middle of the
+    pitch or from its nearer end, whichever it is told by better: where only one end is seen, how long the pitch is says
+    nothing of where that end is in the picture.
     """
     points = view.visible_field(place.template, step_m=GRID_M)
     if len(points) == 0 or view.covariance is None or not isinstance(view.camera, Camera):
-        return float("inf"), float("inf"), float("inf")
+        return _SeenSigmas(float("inf"), float("inf"), float("inf"), 0)
     seen = project(theta_of_view(view)[None], points[None], ProjectionModel.of(view.camera, view.surface))
     by_theta, by_field = (derivatives[0] for derivatives in seen.jacobians())
-    with_end = by_theta.copy()
-    with_end[:, :, INDEX["length"]] = by_field[:, :, 0] * np.sign(points[:, :1]) / 2.0
-    on_ground = np.linalg.solve(by_field, by_theta)
-    variances = [((rows @ view.covariance) * rows).sum(axis=(1, 2)) for rows in (by_theta, with_end, on_ground)]
-    sigma = np.sqrt(np.maximum(np.minimum(*variances[:2]), 0.0))
-    return float(np.nanmax(sigma)), float(np.nanmean(sigma)), float(np.sqrt(np.nanmax(variances[2])))
+    ends = np.array([0.0, -1.0, 1.0])
+    counted = np.repeat(by_theta[None], len(ends), axis=0)
+    counted[1:, :, :, INDEX["length"]] = by_field[:, :, 0] * ends[1:, None, None] / 2.0
+    variance_px, variance_m = (
+        ((rows @ view.covariance) * rows).sum(axis=(2, 3)) for rows in (counted, np.linalg.solve(by_field, counted))
+    )
+    nearer = np.where(points[:, 0] < 0.0, 1, 2), np.arange(len(points))
+    least_px, least_m = (np.minimum(v[0], v[nearer]) for v in (variance_px, variance_m))
+    sigma = np.sqrt(np.maximum(least_px, 0.0))
+    means = np.nanmean(variance_px, axis=1)
+    best = int(np.argmin(means))
+    end = int(ends[best]) if means[best] < CLEARLY_LESS * means[0] else 0
+    return _SeenSigmas(float(np.nanmax(sigma)), float(np.nanmean(sigma)), float(np.sqrt(np.nanmax(least_m))), end)

@@ -147,6 +147,8 @@ def _camera(frame: TrackedFrame, view: FieldView, form: RecordForm) -> dict[str,
         "covariance": _covariance(theta, view.covariance, form.full),
         "position_sigma_m": _round(np.sqrt(np.diag(view.covariance)[INDEX["x"] : INDEX["z"] + 1]), _SIGMA_DIGITS),
         "max_sigma_m": None if frame.sigma_m is None else _round(frame.sigma_m, _SIGMA_DIGITS),
+        "reference_m": [_round(frame.end * (form.template.length_m + float(view.growth_m[0])) / 2.0), 0.0],
+        "reference_by_growth": [frame.end / 2.0, 0.0],
     }
 
 

@@ -47,7 +47,7 @@ class TrackedFrame:
     Attributes
     ----------
     index, time_s : int, float
-        Number of the frame, from 0, by the video's mean rate, and its time from the first frame that is shown.
+        Number of the frame in the video, from 0, and its time from the first frame that is shown.
     size : (int, int)
         Width and height of the picture.
     shot : int
@@ -65,7 +65,10 @@ class TrackedFrame:
     checks : tuple of Check
         Measured values behind the answer, with their limits.
     sigma_px, sigma_m : float or None
-        Largest predicted error over what the picture shows of the pitch: in the picture, and on the ground.
+        Largest predicted error over what the picture shows of the pitch: in the picture, and on the ground, each place
+        counted from the middle of the pitch or from its nearer end, whichever it is told by better.
+    end : int
+        The end of the pitch from which places are told best, -1 or 1 by the sign of its x; 0 for its middle.
     """
 
     index: int
@@ -82,3 +85,4 @@ class TrackedFrame:
     checks: tuple[Check, ...] = ()
     sigma_px: float | None = None
     sigma_m: float | None = None
+    end: int = 0

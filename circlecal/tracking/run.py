@@ -38,6 +38,7 @@ from circlecal.tracking.stretches import (
     Stretch,
     StretchResult,
     Tracked,
+    list_frames,
     number_shot,
     stretches_of,
     survey_video,
@@ -114,7 +115,9 @@ def run_track(
             for source in sources.get(video.name, {}).values():
                 require_own(source, video.path, out, "frames")
         paths = {video.name: _venue_path(out, video, len(videos) == 1, restart) for video in videos}
-        parts = {video.name: stretches_of(video, run, _last_time_s(log, video)) for video in videos}
+        parts = {
+            video.name: stretches_of(video, run, list_frames(video, run), _last_time_s(log, video)) for video in videos
+        }
         try:
             before = {} if restart else _venues_before(videos, paths, run)
             with contextlib.closing(

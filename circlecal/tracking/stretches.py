@@ -27,6 +27,7 @@ from circlecal.rig.tripod import Venue
 from circlecal.tracking.anchors import read_anchors
 from circlecal.tracking.clip import track_frames
 from circlecal.tracking.entry import ClipFrame
+from circlecal.tracking.frame_times import FrameTimes
 from circlecal.tracking.records import RecordForm, record_of_track
 from circlecal.tracking.survey import survey_clip
 
@@ -45,17 +46,31 @@ of every fifth 4 of 15, in three shots for one: nothing carries the camera over 
 """
 _TOLERANCE_S = 0.001
 """Containers round times to milliseconds."""
+_FOREVER_S = 1e9
+"""Longer than any clip, seconds."""
 
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """A part of a clip: its frames from ``start_s`` on, before ``end_s``, seconds."""
+    """A part of a clip: its frames from ``start_s`` on, before ``end_s``, seconds.
+
+    Attributes
+    ----------
+    video, start_s, end_s : Video, float, float
+        The clip, and times in it.
+    frames : FrameTimes
+        Of its frames, and those of its margins.
+    origin : int
+        Number of the first frame of the clip that is wanted.
+    """
 
     video: Video
     start_s: float
     end_s: float
+    frames: FrameTimes
+    origin: int
 
 
 @dataclass(frozen=True)
@@ -109,7 +124,7 @@ class ClipRun:
         return suit_pixels(self.config, video.aspect)
 
     def step_s(self, video: Video) -> float:
-        """Time between two frames that are wanted, seconds."""
+        """Time between two frames that are wanted, seconds; by the mean rate where these are counted."""
         if self.sampling.seconds is not None:
             return self.sampling.seconds
         return (self.sampling.frames or 1) / video.rate
@@ -118,23 +133,55 @@ class ClipRun:
         """Whether frames that are not wanted are followed too: too much changes between those that are."""
         return self.sampling.frames == 1 or self.step_s(video) > FOLLOWED_STEP_S
 
-    def count_steps(self, video: Video, time_s: float) -> int:
-        """Steps from the first wanted frame to a time: the first frame after each of them is wanted."""
-        return math.floor((time_s - self.sampling.start_s + _TOLERANCE_S) / self.step_s(video))
+    def count_steps(self, number: int, time_s: float, origin: int) -> int:
+        """Steps from the first wanted frame, whose number is ``origin``, to a frame, by its number or its time: the
+        first frame after each of them is wanted.
+        """
+        if self.sampling.seconds is not None:
+            return math.floor((time_s - self.sampling.start_s + _TOLERANCE_S) / self.sampling.seconds)
+        return (number - origin) // (self.sampling.frames or 1)
+
+    def step_start_s(self, frames: FrameTimes, time_s: float, origin: int) -> float:
+        """Where the step begins to which a time belongs, seconds."""
+        start = self.sampling.start_s
+        steps = max(0, self.count_steps(frames.number_at(time_s), time_s - _TOLERANCE_S, origin))
+        if self.sampling.seconds is not None:
+            return start + steps * self.sampling.seconds
+        return max(start, frames.time_of(origin + steps * (self.sampling.frames or 1)))
 
     def sampling_of(self, stretch: Stretch) -> Sampling:
         """Which frames are decoded for a stretch: those that are wanted, also in its margins, of which it has one at
         least, and those between them where they are followed too.
         """
-        first, step = self.sampling.start_s, self.step_s(stretch.video)
         every = self.follows_all(stretch.video)
-        before = max(first, stretch.start_s - MARGIN_S)
-        last = first + math.floor(((stretch.start_s if every else before) - first) / step) * step
-        start = min(before, last) if every else last
+        before = max(self.sampling.start_s, stretch.start_s - MARGIN_S)
+        last = self.step_start_s(stretch.frames, stretch.start_s if every else before, stretch.origin)
         end = stretch.end_s + MARGIN_S
         if self.sampling.end_s is not None:
             end = min(end, self.sampling.end_s)
-        return Sampling(None if every else step, 1 if every else None, start, end if math.isfinite(end) else None)
+        return Sampling(
+            None if every else self.sampling.seconds,
+            1 if every else self.sampling.frames,
+            min(before, last) if every else last,
+            end if math.isfinite(end) else None,
+        )
+
+    def stretch_of(self, video: Video, frames: FrameTimes, start_s: float, end_s: float) -> Stretch:
+        """A part of a clip, with the times of its frames, seconds."""
+        origin = frames.number_from(self.sampling.start_s)
+        first_s = self.step_start_s(frames, max(self.sampling.start_s, start_s - MARGIN_S), origin)
+        low, high = (frames.number_at(time_s) for time_s in (first_s, min(end_s + MARGIN_S, _FOREVER_S)))
+        return Stretch(video, start_s, end_s, frames.cut(low - 1, high), origin)
+
+    def is_finished(self, video: Video, frames: FrameTimes, reached_s: float) -> bool:
+        """Whether no frame of a clip is wanted after one that is written."""
+        end = self.end_s(video)
+        if not frames.times_s:
+            return reached_s + 1.5 * self.step_s(video) >= end
+        origin = frames.number_from(self.sampling.start_s)
+        last = frames.number_from(_FOREVER_S if self.sampling.end_s is None else self.sampling.end_s) - 1
+        done = self.count_steps(frames.number_at(reached_s), reached_s, origin)
+        return self.count_steps(last, frames.time_of(last), origin) <= done
 
     def end_s(self, video: Video) -> float:
         """Where the last stretch of a video ends, seconds, as far as the header tells."""
@@ -162,19 +209,18 @@ class StretchResult:
 OnMissing = Callable[[Video, str], None]
 
 
-def stretches_of(video: Video, run: ClipRun, reached_s: float | None = None) -> list[Stretch]:
+def stretches_of(video: Video, run: ClipRun, frames: FrameTimes, reached_s: float | None = None) -> list[Stretch]:
     """The stretches of a clip that are not finished, in order.
 
     Parameters
     ----------
-    video, run : Video, ClipRun
-        The clip, and from where to where it is wanted.
+    video, run, frames : Video, ClipRun, FrameTimes
+        The clip, from where to where it is wanted, and the times of its frames.
     reached_s : float, optional
         Time of the last frame that is written.
     """
     start, end = run.sampling.start_s, run.end_s(video)
-    step = run.step_s(video)
-    if reached_s is not None and reached_s + 1.5 * step >= end:
+    if reached_s is not None and run.is_finished(video, frames, reached_s):
         return []
     first = math.floor(start / STRETCH_S) if reached_s is None else math.floor(reached_s / STRETCH_S)
     stated = math.ceil(end / STRETCH_S) if math.isfinite(end) else first + 1
@@ -182,7 +228,13 @@ def stretches_of(video: Video, run: ClipRun, reached_s: float | None = None) -> 
     edges[0] = max(edges[0], start)
     # a video may go on beyond what its header tells
     edges[-1] = math.inf if run.sampling.end_s is None else run.sampling.end_s
-    return [Stretch(video, low, high) for low, high in pairwise(edges)]
+    return [run.stretch_of(video, frames, low, high) for low, high in pairwise(edges)]
+
+
+def list_frames(video: Video, run: ClipRun) -> FrameTimes:
+    """When the frames of a clip are shown, as far as it is wanted."""
+    end = math.inf if run.sampling.end_s is None else run.sampling.end_s
+    return FrameTimes.of_video(video, end + MARGIN_S)
 
 
 def survey_video(run: ClipRun, video: Video) -> Venue | str:
@@ -197,13 +249,29 @@ def survey_video(run: ClipRun, video: Video) -> Venue | str:
         config = run.config_of(video)
         named = (a for a in read_anchors(video, run.annotations, config) if start <= a.time_s < end)
         anchors = tuple(replace(anchor, time_s=anchor.time_s - start) for anchor in named)
-        known = run.known and run.known.suit_pixels((video.width, video.height), config.camera.aspect)
+        known = _suit_known(run, video)
         return survey_clip(shift_times, length, config, known, anchors, 1.0 / video.rate)
     except CirclecalError as error:
         return str(error)
     except Exception as error:  # noqa: BLE001 - one bad clip never stops the rest
         _log.debug("internal error", exc_info=True)
         return f"{video.path}: internal error: {type(error).__name__}: {error}"
+
+
+def _suit_known(run: ClipRun, video: Video) -> Venue | None:
+    """What is known of the cameras from elsewhere, for the pictures of a video.
+
+    Raises
+    ------
+    InputError
+        They show another shape than the clip's.
+    """
+    if run.known is None:
+        return None
+    try:
+        return run.known.suit_pictures((video.width, video.height), run.config_of(video).camera.aspect)
+    except InputError as error:
+        raise InputError(f"{video.path}: {error}") from error
 
 
 def track_alone(run: ClipRun, known: tuple[Stretch, Venue]) -> StretchResult:
@@ -240,10 +308,11 @@ def track_stretch(run: ClipRun, stretch: Stretch, venue: Venue, on_missing: OnMi
     try:
         for frame in track_frames(_decode(run, stretch, on_missing), venue, run.config_of(video)):
             now = frame.time_s
-            if run.count_steps(video, now) == steps:
+            step = run.count_steps(frame.index, now, stretch.origin)
+            if step == steps:
                 continue
             is_cut = before is not None and frame.shot != before
-            before, steps = frame.shot, run.count_steps(video, now)
+            before, steps = frame.shot, step
             if stretch.start_s <= frame.time_s < stretch.end_s:
                 record = record_of_track(frame, frame_id(video.name, frame.time_s), str(video.path), frame.shot, form)
                 yield Tracked(record, is_cut)
@@ -267,10 +336,9 @@ def track_video(run: ClipRun, video: Video, on_note: Callable[[str], None] = _lo
     if not isinstance(venue, Venue):
         raise InputError(venue)
     end = math.inf if run.sampling.end_s is None else run.sampling.end_s
+    whole = run.stretch_of(video, list_frames(video, run), run.sampling.start_s, end)
     shot = 0
-    for tracked in track_stretch(
-        run, Stretch(video, run.sampling.start_s, end), venue, lambda _, missing: on_note(missing)
-    ):
+    for tracked in track_stretch(run, whole, venue, lambda _, missing: on_note(missing)):
         shot += tracked.is_cut
         yield number_shot(tracked.record, shot)
 
@@ -284,7 +352,9 @@ def number_shot(record: ResultRecord, shot: int) -> ResultRecord:
 
 def _decode(run: ClipRun, stretch: Stretch, on_missing: OnMissing) -> Iterator[ClipFrame]:
     """Pictures of a stretch and of its margins; frames that cannot be decoded are left out."""
-    video = stretch.video
+    video, number = stretch.video, -1
     for frame in video.frames(run.sampling_of(stretch), lambda text: on_missing(video, text)):
         if frame.picture is not None and frame.time_s is not None:
-            yield ClipFrame(round(frame.time_s * video.rate), frame.time_s, frame.picture)
+            # no two have one number, also where the times of packets and those of frames differ
+            number = max(stretch.frames.number_at(frame.time_s), number + 1)
+            yield ClipFrame(number, frame.time_s, frame.picture)

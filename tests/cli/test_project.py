@@ -6,9 +6,11 @@ import pytest
 
 from circlecal.config import Config
 from circlecal.field import load_field
-from circlecal.pipeline import run
-from circlecal.records.json_text import write_result
+from circlecal.pipeline import field_of, run
+from circlecal.records.json_text import result_line, write_result
 from circlecal.records.writing import result_record
+from circlecal.tracking.records import RecordForm, record_of_track
+from tests.tracking.scripted import LOST_FRAMES, tracked
 
 
 @pytest.fixture(scope="module")
@@ -151,6 +153,34 @@ def test_a_table_of_points_over_a_run(run_circlecal, result_file, blank_file, tm
     (tmp_path / "points.csv").write_text(f"frame,x,y\ngood,1,2\n{'g' * 200_000},1,2\n")
     endless = run_circlecal("project", tmp_path, "--points", tmp_path / "points.csv", "--to", "field")
     assert endless.code == 2 and "points.csv, line 3: is no CSV table: field larger" in endless.err
+
+
+def test_frames_of_a_tracked_clip_are_named_by_their_numbers_too(run_circlecal, tmp_path):
+    form = RecordForm(*field_of(Config()), 0, "0" * 12)
+
+    def write_run(*clips):
+        records = [
+            record_of_track(tracked(index, index / 25.0), f"{clip}_00-00-00.{40 * index:03d}", f"{clip}.mp4", 0, form)
+            for clip in clips
+            for index in (3, 4, LOST_FRAMES[0])
+        ]
+        (tmp_path / "results.jsonl").write_text("".join(result_line(record) + "\n" for record in records))
+
+    def project(*frames):
+        table = tmp_path / "points.csv"
+        table.write_text("frame,x,y\n" + "".join(f"{frame},160,120\n" for frame in frames))
+        outcome = run_circlecal("project", tmp_path, "--points", table, "--to", "field", "--json")
+        return [json.loads(line) for line in outcome.out.splitlines()]
+
+    write_run("first")
+    by_number, as_float, other, lost, beyond, by_id = project(3, "4.0", 4, 7, 5, "first_00-00-00.120")
+    assert by_number["x_m"] == by_id["x_m"] != other["x_m"] == as_float["x_m"]
+    assert (by_number["frame"], as_float["frame"]) == ("3", "4.0")
+    assert (lost["note"], beyond["note"]) == ("refused: lost", "no such frame")
+    write_run("first", "second")
+    both, by_id = project(3, "second_00-00-00.120")
+    assert (both["x_m"], both["note"]) == (None, "several clips have a frame of this number; give its id")
+    assert by_id["x_m"] == by_number["x_m"]
 
 
 def test_the_rows_of_a_table_come_out_as_they_are(run_circlecal, result_file, tmp_path):

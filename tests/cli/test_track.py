@@ -128,6 +128,18 @@ def test_pictures_are_no_clips(frame_file, tmp_path, run_circlecal):
     assert outcome.code == 2 and "nothing: no such file or folder" in outcome.err
 
 
+def test_pictures_and_animations_are_told_how_they_become_a_video(run_circlecal, tmp_path):
+    (tmp_path / "frames").mkdir()
+    (tmp_path / "frames" / "0001.jpg").write_bytes(b"")
+    outcome = run_circlecal("track", tmp_path / "frames", "--out", tmp_path / "out")
+    assert outcome.code == 2
+    assert f"as ffmpeg -framerate 25 -pattern_type glob -i '{tmp_path / 'frames' / '*.jpg'}'" in outcome.err
+    (tmp_path / "clip.gif").write_bytes(b"GIF89a")
+    outcome = run_circlecal("track", tmp_path / "clip.gif", "--out", tmp_path / "out")
+    assert outcome.code == 2 and "as ffmpeg -i clip.gif -pix_fmt yuv420p clip.mp4 does" in outcome.err
+    assert "calibrate" not in outcome.err
+
+
 def test_a_clip_that_cannot_be_read_does_not_stop_the_others(clip, tmp_path, run_circlecal):
     (tmp_path / "broken.mp4").write_bytes(b"no video")
     outcome = run_circlecal("track", tmp_path / "broken.mp4", clip, "--out", tmp_path / "out")

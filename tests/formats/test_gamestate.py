@@ -15,6 +15,7 @@ from circlecal.formats.meaning import SourcesConfig, observe, read_observations
 from circlecal.formats.registry import annotation_formats, open_file, read_annotations
 from circlecal.geometry.camera import Camera, image_center
 from circlecal.pipeline import run_observations
+from circlecal.records.json_text import result_line
 from circlecal.records.writing import result_record
 
 
@@ -129,6 +130,35 @@ def test_images_are_numbered_through_refused_frames(tmp_path, seen, soccer):
     assert {(image["width"], image["height"]) for image in content["images"]} == {(480, 270)}
     assert [annotation["image_id"][-1] for annotation in content["annotations"]] == ["1", "3"]
     assert [frame.id for frame in gamestate_camera.read(path, path.read_bytes(), None)] == ["clip_0", "clip_2"]
+
+
+def test_results_of_a_run_are_converted_with_their_refused_frames(tmp_path, seen, soccer):
+    """In the order of their ids, as the run itself writes them, however its workers finished."""
+    observed = observe(seen, soccer, SourcesConfig(), "labelme", "view").observations
+    config = load_config(None, ["verdict.max_sigma_px=1000", "verdict.max_mean_sigma_px=1000"])
+    found = run_observations(observed, config, frame_id="clip")
+    log = tmp_path / "results.jsonl"
+
+    def write_log(*statuses):
+        lines = []
+        for number, status in statuses:
+            record = result_record(replace(found, id=f"clip_{number}", source=f"clip_{number}.jpg"), soccer)
+            camera = {"status": status} | ({} if status == "calibrated" else {"camera": None, "H_image_field": None})
+            lines.append(result_line(record.model_copy(update=camera)) + "\n")
+        log.write_text("".join(lines))
+
+    write_log((1, "refused"), (0, "calibrated"), (2, "calibrated"))
+    (path,) = convert([log], None, "gamestate", tmp_path / "out", soccer)
+    content = json.loads(path.read_text())
+    told = [(image["image_id"][-1], image["file_name"], image["has_labeled_camera"]) for image in content["images"]]
+    assert told == [("1", "clip_0.jpg", True), ("2", "clip_1.jpg", False), ("3", "clip_2.jpg", True)]
+    assert {(image["width"], image["height"]) for image in content["images"]} == {(found.width, found.height)}
+    assert [annotation["image_id"][-1] for annotation in content["annotations"]] == ["1", "3"]
+    (path,) = convert([log], None, "broadtrack", tmp_path / "out", soccer)
+    assert "clip_1" not in path.read_text()
+    write_log((0, "refused"))
+    with pytest.raises(InputError, match="holds no accepted frame; nothing to convert"):
+        convert([log], None, "gamestate", tmp_path / "none", soccer)
 
 
 def test_what_a_run_wrote_of_a_frame_is_gone_when_it_is_refused(tmp_path, seen, soccer):

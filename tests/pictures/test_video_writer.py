@@ -1,10 +1,13 @@
 """Videos that are written have the times that were given, and appear whole or not at all."""
 
+import av
+import cv2
 import numpy as np
 import pytest
 from videos import number_of, numbered_picture
 
 from circlecal.errors import InputError
+from circlecal.pictures import video_writer
 from circlecal.pictures.video import Sampling, Video
 from circlecal.pictures.video_writer import write_video
 
@@ -45,6 +48,29 @@ def test_colours_come_back(tmp_path):
     for columns in (slice(8, 70), slice(90, 150)):
         error = frame.picture[8:-8, columns].mean(axis=(0, 1)) - picture[8:-8, columns].mean(axis=(0, 1))
         assert np.abs(error).max() < 4
+
+
+@pytest.mark.parametrize("codec", ["libx264", "mpeg4"])
+@pytest.mark.parametrize("is_interlaced", [True, False])
+def test_a_file_says_whether_its_frames_hold_two_fields(tmp_path, monkeypatch, codec, is_interlaced):
+    """And holds them: rows of one field stay apart from those of the other."""
+    if codec not in av.codecs_available:
+        pytest.skip(f"this FFmpeg has no {codec}")
+    monkeypatch.setattr(video_writer, "_CODECS", [entry for entry in video_writer._CODECS if entry[0] == codec])
+    picture = np.full((96, 160, 3), 60, np.uint8)
+    picture[::2, 40:80], picture[1::2, 60:100] = (222, 140, 190), (222, 140, 190)
+    with write_video(tmp_path / "x.mp4", 25.0, is_interlaced=is_interlaced) as writer:
+        for number in range(12):
+            writer.write(np.roll(picture, 2 * number, axis=1), number / 25.0)
+    with av.open(str(tmp_path / "x.mp4")) as container:
+        stream = container.streams.video[0]
+        assert {frame.interlaced_frame for frame in container.decode(stream)} == {is_interlaced}
+    frames = read(tmp_path / "x.mp4")
+    assert [frame.time_s for frame in frames] == pytest.approx([k / 25.0 for k in range(12)], abs=1e-5)
+    for number, frame in enumerate(frames):
+        off = cv2.cvtColor(frame.picture, cv2.COLOR_BGR2GRAY).astype(float)
+        off -= cv2.cvtColor(np.roll(picture, 2 * number, axis=1), cv2.COLOR_BGR2GRAY)
+        assert np.sqrt(np.square(off).mean()) < 8.0
 
 
 def test_an_odd_row_and_column_are_left_out(tmp_path):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from circlecal.errors import InputError
 from circlecal.geometry.camera_parameters import INDEX, ProjectionModel, camera_of
 from circlecal.geometry.surface import Surface
 from circlecal.rig.tripod import COMMON, PLACE, TripodEstimate, TripodModel, unwrap_pan
@@ -167,3 +168,23 @@ def test_pictures_of_other_pixels_show_the_same() -> None:
     assert square.suit_pixels((960, 720), 1.0) is square
     covariance[PLACE["log_aspect"], PLACE["log_aspect"]] = 1e-4
     assert square.suit_pixels((960, 720), 4 / 3) is square
+
+
+def test_pictures_of_another_cut_are_refused_and_those_of_another_size_or_other_pixels_are_not() -> None:
+    own, common = random_parameters(9)
+    common[PLACE["log_aspect"]] = 0.0
+    square = TripodEstimate(
+        "camera-1", (1280, 720), MODEL.log_focal, Surface("roof", crown_m=0.05), common, np.zeros((len(COMMON),) * 2),
+        own[0, :3], own[0, :3],
+    )  # fmt: skip
+    points = np.array([[0.0, 0.0], [9.15, 0.0], [0.0, -9.15]])
+    seen = square.view(own[0, :3], np.zeros((3, 3))).project(points)
+    for size, aspect, factor in (((2560, 1440), 1.0, (2.0, 2.0)), ((480, 360), 4 / 3, (0.375, 0.5))):
+        suited = square.suit_pictures(size, aspect)
+        found = suited.view(own[0, :3] + np.array([np.log(factor[0]), 0.0, 0.0]), np.zeros((3, 3))).project(points)
+        np.testing.assert_allclose((found + 0.5) / factor - 0.5, seen, atol=1e-6)
+    assert square.suit_pictures((1280, 720), 1.0) is square
+    with pytest.raises(
+        InputError, match=r"camera-1: picture_px \[1280, 720\] of the venue is 1.78 .* 640 x 480 .* 1.33"
+    ):
+        square.suit_pictures((640, 480), 1.0)

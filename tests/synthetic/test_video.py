@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 from typing import get_args
 
+import av
 import cv2
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from circlecal.geometry.camera import camera_from_soccernet, rotation_matrix
 from circlecal.geometry.surface import Surface, SurfaceShape
 from circlecal.pictures.video import Sampling, Video
 from circlecal.synthetic import video
+from circlecal.synthetic.clip_files import write_clip
 from circlecal.synthetic.clip_plans import kinds_of, plan_clip
 from circlecal.synthetic.renderer import render
 from circlecal.synthetic.tripod import Tripod, sample_tripod
@@ -206,6 +208,13 @@ def test_interlaced_fields_lie_on_both_sides_of_the_truth():
     for field, own, other in ((0, earlier, later), (1, later, earlier)):
         near, far = (np.abs(picture[field::2].astype(int) - frame[0][field::2]).mean() for frame in (own, other))
         assert near < 0.4 * far
+
+
+def test_the_file_of_an_interlaced_clip_says_so(tmp_path):
+    for interlaced in (True, False):
+        path = write_clip(tmp_path, "clip", planned("sweep", 9, seconds=0.08, interlaced=interlaced))
+        with av.open(str(path)) as container:
+            assert {frame.interlaced_frame for frame in container.decode(video=0)} == {interlaced}
 
 
 def test_pitches_of_any_size():

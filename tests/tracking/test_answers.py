@@ -8,11 +8,15 @@ import numpy as np
 import pytest
 
 from circlecal.config import load_config
+from circlecal.overlay.template_lines import count_sigma_from_seen
+from circlecal.pipeline import field_of
 from circlecal.rig.tripod import COMMON, PLACE
 from circlecal.tracking.answers import SigmaLimits, answer_shot
 from circlecal.tracking.entry import Entry
 from circlecal.tracking.looking import LookedAt, Place
 from circlecal.tracking.motion import HeadMotion
+from circlecal.tracking.records import RecordForm, record_of_track
+from circlecal.tracking.results import TrackedFrame
 from tests.tracking.scenes import HEAD, SIZE, draw, template, tripod
 
 LIMITS = SigmaLimits.of(load_config().verdict)
@@ -52,19 +56,42 @@ def test_a_frame_without_paint_follows_the_tripod_as_its_neighbours_do() -> None
     assert between < 1.2 * max(before, after)
 
 
-def test_the_length_of_a_pitch_of_which_one_end_is_seen_refuses_no_frame() -> None:
-    def codes(axis_by_length: float) -> list[str | None]:
-        entries = _entries([0, 0, 0])
-        by_length = np.zeros(len(COMMON))
-        by_length[[PLACE["length"], PLACE["axis_x"]]] = 3.0, 3.0 * axis_by_length
-        camera = replace(tripod(), covariance=tripod().covariance + np.outer(by_length, by_length))
-        for entry in entries:
-            entry.place, entry.head = Place.of(camera, template()), HEAD - np.array([0.0, 0.2, 0.0])
-        return [frame.code for frame in answer_shot(entries, 3, LIMITS)]
+def _answer_before_an_end(axis_by_length: float) -> list[TrackedFrame]:
+    """Answers to frames of the left end of a pitch whose length is open by three metres, which the place of the camera
+    follows so far.
+    """
+    entries = _entries([0, 0, 0])
+    by_length = np.zeros(len(COMMON))
+    by_length[[PLACE["length"], PLACE["axis_x"]]] = 3.0, 3.0 * axis_by_length
+    camera = replace(tripod(), covariance=tripod().covariance + np.outer(by_length, by_length))
+    for entry in entries:
+        entry.place, entry.head = Place.of(camera, template()), HEAD - np.array([0.0, 0.2, 0.0])
+    return list(answer_shot(entries, 3, LIMITS))
 
+
+def test_the_length_of_a_pitch_of_which_one_end_is_seen_refuses_no_frame() -> None:
     # the camera stands where it stands before the left end, and where it stands before the right one
-    assert codes(-0.5) == [None] * 3
-    assert codes(0.5) == ["too_uncertain"] * 3
+    assert [frame.code for frame in _answer_before_an_end(-0.5)] == [None] * 3
+    assert [frame.code for frame in _answer_before_an_end(0.5)] == ["too_uncertain"] * 3
+
+
+def test_a_record_says_from_where_its_standard_deviations_are_counted() -> None:
+    """Both in the picture and on the ground, as those of frames alone; whoever counts from the middle finds more."""
+    frame, form = _answer_before_an_end(-0.5)[1], RecordForm(*field_of(load_config()), 0, "0" * 12)
+    record = record_of_track(frame, "clip_1", "clip.mp4", 0, form)
+    assert (record.camera.reference_m, record.camera.reference_by_growth) == ((-52.5, 0.0), (-0.5, 0.0))
+    view = record.view
+    points = view.visible_field(template(), step_m=2.5)
+    from_end = count_sigma_from_seen(view, record.camera.reference_by_growth)
+    pixels = view.project(points)
+    for to, given, told in (
+        ("project", points, record.camera.max_sigma_px), ("to_field", pixels, record.camera.max_sigma_m),
+    ):  # fmt: skip
+        counted, whole = (np.nanmax(getattr(v, to)(given, sigma=True).sigma) for v in (from_end, view))
+        assert told <= 1.01 * counted and whole > 5.0 * told
+    by_middle = list(answer_shot(_entries([0, 0, 0]), 3, LIMITS))[1]
+    record = record_of_track(by_middle, "clip_1", "clip.mp4", 0, form)
+    assert (record.camera.reference_m, record.camera.reference_by_growth) == ((0.0, 0.0), (0.0, 0.0))
 
 
 @pytest.mark.parametrize("in_place", [True, False])

@@ -112,7 +112,9 @@ def test_the_table_of_cameras_has_what_a_field_is_drawn_with(tmp_path: Path) -> 
     assert row["crown_shape"] == camera.crown_shape and float(row["crown_radius_m"]) == camera.crown_radius_m
     sizes = camera.field_size.length_m, camera.field_size.width_m
     assert (float(row["length_m"]), float(row["width_m"])) == pytest.approx(sizes)
-    assert not any(refused[name] for name in ("crown_shape", "crown_radius_m", "length_m", "width_m"))
+    sds = camera.field_size.length_sd_m, camera.field_size.width_sd_m
+    assert (float(row["length_sd_m"]), float(row["width_sd_m"])) == pytest.approx(sds) and min(sds) > 0.0
+    assert not any(refused[name] for name in ("crown_shape", "crown_radius_m", "length_m", "width_m", "length_sd_m"))
 
 
 def test_names_are_no_formulas_in_the_table_of_cameras(tmp_path: Path) -> None:

@@ -23,8 +23,9 @@ from circlecal.records.log import OtherRunError, ResultLog
 from circlecal.rig.tripod import COMMON, PLACE, PaintersShare
 from circlecal.rig.venue import read_venue_file
 from circlecal.tracking import stretches
+from circlecal.tracking.frame_times import FrameTimes
 from circlecal.tracking.run import run_track, tripod_facts
-from circlecal.tracking.stretches import ClipRun, Stretch, stretches_of
+from circlecal.tracking.stretches import ClipRun, stretches_of
 
 from . import scripted
 
@@ -181,10 +182,13 @@ def test_stretches_lie_where_time_says(tmp_path):
     video = open_clip(tmp_path)
     long = Video(video.path, "long", *scripted.SIZE, 25.0, 150.0, None)
     run = clip_run(start="50", end="140")
-    assert stretches_of(long, run) == [Stretch(long, 50, 60), Stretch(long, 60, 120), Stretch(long, 120, 140)]
-    assert stretches_of(long, run, 119.96)[0] == Stretch(long, 60, 120)
-    assert stretches_of(long, run, 139.97) == []
-    assert stretches_of(long, clip_run())[-1] == Stretch(long, 120, float("inf"))
+    for frames in (FrameTimes(25.0), FrameTimes(25.0, tuple(k / 25.0 for k in range(3750)))):
+        assert [(s.start_s, s.end_s) for s in stretches_of(long, run, frames)] == [(50, 60), (60, 120), (120, 140)]
+        assert {s.origin for s in stretches_of(long, run, frames)} == {1250}
+        assert stretches_of(long, run, frames, 119.96)[0].start_s == 60
+        assert stretches_of(long, run, frames, 139.97) == []
+        last = stretches_of(long, clip_run(), frames)[-1]
+        assert (last.start_s, last.end_s) == (120, float("inf"))
 
 
 def test_another_configuration_is_another_run(tmp_path, engine):

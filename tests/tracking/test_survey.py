@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import av
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from circlecal.config import load_config
 from circlecal.field.view import FieldView
@@ -63,6 +64,39 @@ def test_a_camera_that_ends_beside_what_the_venue_says_is_told(
         monkeypatch.setattr(survey, "_learn_from", lambda *_, moved=moved: moved)
         survey_clip(lambda times: iter(pictures[: len(times)]), 1.2, load_config(), Venue("soccer", (known,)))
         assert [message[: len(told[0])] if told else message for message in caplog.messages] == told
+
+
+def _write_clip(path: Path, pictures: list[NDArray[np.uint8]]) -> Video:
+    """A clip of ten frames per second."""
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("mpeg4", rate=10, width=SIZE[0], height=SIZE[1], pix_fmt="yuv420p")
+        stream.bit_rate = 20_000_000
+        for picture in pictures:
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="bgr24")))
+        container.mux(stream.encode(None))
+    return Video.open(path, path.stem)
+
+
+def test_a_venue_of_smaller_pictures_is_compared_with_the_clip_and_refined(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(survey, "ROUNDS", 1)
+    heads = [HEAD + np.array([0.0, 0.004 * k, 0.0]) for k in range(4)]
+    video = _write_clip(tmp_path / "clip.mp4", [draw(head, np.random.default_rng(k)) for k, head in enumerate(heads)])
+    half = tripod().resize((SIZE[0] // 2, SIZE[1] // 2))
+    run = ClipRun(load_config(), Sampling.parse("1"), Venue("soccer", (half,)))
+    found = survey_video(run, video)
+    assert isinstance(found, Venue) and found.tripods[0].size == SIZE and len(found.tripods[0].used) >= 2
+    assert not caplog.messages
+    moved = replace(half, mean=half.mean + 0.3 * (np.arange(len(COMMON)) == 0))
+    found = survey_video(replace(run, known=Venue("soccer", (moved,))), video)
+    assert isinstance(found, Venue) and abs(found.tripods[0].mean[0] - half.mean[0]) < 0.1
+    assert "camera-1: is not as the venue says: axis_x_m by" in caplog.text
+    cut = ClipRun(load_config(), Sampling.parse("1"), Venue("soccer", (replace(half, size=(640, 480)),)))
+    refusal = survey_video(cut, video)
+    assert isinstance(refusal, str) and refusal.startswith(
+        f"{video.path}: camera-1: picture_px [640, 480] of the venue"
+    )
 
 
 def test_what_all_frames_are_off_alike_does_not_make_a_known_camera_surer(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -121,20 +155,13 @@ def test_one_frame_that_a_person_named_makes_a_camera(monkeypatch: pytest.Monkey
     monkeypatch.setattr(survey, "ROUNDS", 1)
     heads = [HEAD + np.array([0.0, 0.004 * k, 0.0]) for k in range(2)]
     pictures = [draw(head, np.random.default_rng(k)) for k, head in enumerate(heads)]
-    path = tmp_path / "clip.mp4"
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream("mpeg4", rate=10, width=SIZE[0], height=SIZE[1], pix_fmt="yuv420p")
-        stream.bit_rate = 20_000_000
-        for picture in pictures:
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="bgr24")))
-        container.mux(stream.encode(None))
+    video = _write_clip(tmp_path / "clip.mp4", pictures)
     view = tripod().view(heads[1], np.zeros((3, 3)))
     names = ("side_line_left", "big_rect_left_main", "small_rect_left_main", "big_rect_left_top", "side_line_bottom")
     markings = [_marking(view, name) for name in names]
     named = Annotation(id="clip_00-00-00.100", width=SIZE[0], height=SIZE[1], touched=True, markings=markings)
     (tmp_path / "named").mkdir()
     (tmp_path / "named" / "clip_00-00-00.100.json").write_text(named.model_dump_json())
-    video = Video.open(path, "clip")
     refused = run_observations(Observations(*SIZE), load_config(), frame_id="refused")
     monkeypatch.setattr(first_look, "calibrate_image", lambda picture, config, frame_id: refused)
     alone = ClipRun(load_config(), Sampling.parse("1"), annotations=tmp_path / "nobody")
