@@ -94,11 +94,12 @@ def shares_of_sizes(usual_share: float, other_length_share: float, problem: Prob
     other_length_share : float
         Of the others, the share that has its width.
     problem : Problem
-        What was seen: where nothing of it tells the length of the field, fields that have the usual width are one kind.
+        What was seen: where nothing of it tells the length of the field, fields that have the usual width are one kind,
+        of another length than the usual one where no field has the usual size.
     """
     shares = shares_of_all_sizes(usual_share, other_length_share)
     if not depends_on_length(problem):
-        return {"usual": 1.0 - shares["any"], "any": shares["any"]}
+        return {"usual" if usual_share > 0.0 else "other_length": 1.0 - shares["any"], "any": shares["any"]}
     return shares
 
 

@@ -93,17 +93,25 @@ def test_a_faint_line_that_is_yellow_or_was_measured_before_in_pieces_is_none(
 
 
 @pytest.mark.parametrize(
-    ("status", "mark", "lines", "is_taken"),
+    ("status", "mark", "lines", "width", "is_taken"),
     [
-        ("calibrated", "centre_mark", ("side_line_top",), True),
-        ("refused", "centre_mark", ("side_line_top",), False),
-        ("calibrated", None, ("side_line_top",), False),
-        ("calibrated", "centre_mark", (), False),
+        ("calibrated", "centre_mark", ("side_line_top",), (72.0, 2.0), True),
+        ("refused", "centre_mark", ("side_line_top",), (68.2, 0.6), False),
+        ("calibrated", None, ("side_line_top",), (72.0, 2.0), False),
+        ("calibrated", "centre_mark", (), (68.2, 0.6), False),
+        ("calibrated", None, ("side_line_top",), (68.2, 0.6), True),
+        ("calibrated", None, ("side_line_top",), (72.0, 0.6), False),
+        ("calibrated", None, ("side_line_top",), (68.2, 2.0), False),
+        ("calibrated", None, ("side_line_top",), None, False),
     ],
 )
-def test_a_field_of_another_size_is_taken_where_mark_and_line_carry_its_camera(status, mark, lines, is_taken):
+def test_a_field_of_another_size_is_taken_where_mark_and_line_carry_its_camera_or_its_width_is_the_usual_one(
+    status, mark, lines, width, is_taken
+):
     cues = Cues(None, None if mark is None else SimpleNamespace(name=mark))
-    camera = SimpleNamespace(named_lines=lines, rejected=())
+    size = None if width is None else SimpleNamespace(width_m=width[0], width_sd_m=width[1])
+    camera = SimpleNamespace(named_lines=lines, rejected=(), field_size=size)
     resized = SimpleNamespace(is_calibrated=status == "calibrated", camera=camera, cues=cues)
     first = SimpleNamespace(camera=SimpleNamespace(named_lines=lines))
-    assert refinements.RESIZE.accept(None, first, resized) == is_taken
+    setting = SimpleNamespace(template=SimpleNamespace(width_m=68.0))
+    assert refinements.RESIZE.accept(setting, first, resized) == is_taken

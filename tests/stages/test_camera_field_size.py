@@ -203,6 +203,9 @@ def test_sizes_are_told_apart_by_what_shows_the_length():
     found = [shares_of_sizes(0.9, 0.4, problem_of(given, priors())) for given in (beside, before)]
     assert found[0] == pytest.approx({"usual": 0.94, "any": 0.06})
     assert found[1] == pytest.approx(SIZES)
+    # and where no field has the usual size, its length is another one although nothing tells it
+    resized = shares_of_sizes(0.0, 0.4, problem_of(beside, priors()))
+    assert resized == pytest.approx({"other_length": 0.4, "any": 0.6})
 
 
 def test_options_say_how_large_a_field_may_be():
