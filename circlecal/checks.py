@@ -320,6 +320,13 @@ def words_of_check(name: str, marking: str = "") -> str:
     return (gate.words or REFUSALS[gate.code].words).format(marking=marking)
 
 
+def words_of_value(name: str, value: float, limit: float) -> str:
+    """What a check measured, what it must be, and which options set that."""
+    gate = CHECKS[name]
+    setter = f", set by {gate.option}" if gate.option else ""
+    return f"{gate.measures}: {value:.3g}, must be {words_of_limit(name, f'{limit:.3g}')}{setter}"
+
+
 def words_of_limit(name: str, limit: str) -> str:
     """The limit of a check, with whether its value must be at most or at least that; the limit alone of a check that
     this version does not know.

@@ -236,7 +236,9 @@ REFUSALS = _by_code(
             "implausible_camera",
             "the camera would stand where no camera stands",
             "Its height, distance, roll or focal length is outside what cameras have.",
-            "Another sport or field size (--field)? Otherwise widen the limit that the failed check names (verdict.*).",
+            "Another sport or field size (--field)? Where the camera looks straight down, or the reason is its lens, "
+            "state the focal length (camera.focal_px); over a robots' field take --config robocup-ceiling. Otherwise "
+            "widen the limit that the reason names (verdict.*).",
             another_interpretation=True,
         ),
         # the verdict on a camera

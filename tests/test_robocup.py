@@ -9,6 +9,7 @@ from circlecal.field import load_field
 from circlecal.geometry.surface import FLAT
 from circlecal.observations import Observations
 from circlecal.pipeline import run, run_observations
+from circlecal.pipeline.field_choice import calibrate_unknown_field
 from circlecal.synthetic.cameras import aim_camera
 from circlecal.synthetic.markings import circle_points, line_points
 from circlecal.synthetic.renderer import render
@@ -37,8 +38,17 @@ CLOSE = aim_camera(np.array([0.32, -1.41, -0.83]), np.array([-0.25, 0.05, 0.0]),
 GOAL_AREA = aim_camera(np.array([1.2, 0.5, -0.6]), np.array([4.2, -0.1, 0.0]), 480.0, 0.03, *SIZE, kappa=-0.05)
 
 
+OVER_THE_CIRCLE = aim_camera(np.array([-2.5, 0.4, -0.5]), np.array([1.0, 0.0, 0.0]), 520.0, 0.07, *SIZE, kappa=-0.06)
+FROM_A_MAST = aim_camera(np.array([0.6, 4.2, -4.4]), np.array([0.0, 0.2, 0.0]), 560.0, 0.02, *SIZE, kappa=-0.05)
+SMALL_SIZE = load_field("robocup-ssl")
+UNDER_THE_CEILING = aim_camera(
+    np.array([0.3, 0.2, -4.6]), np.array([0.3, 0.18, 0.0]), 700.0, 0.02, 1280, 960, kappa=-0.03
+)
+
+
 def rendered(camera, template=ROBOCUP):
-    return render(Scene(camera, template, FLAT, LOOK), np.random.default_rng(5))
+    look = LOOK.model_copy(update={"marking_width_m": template.marking_width_m})
+    return render(Scene(camera, template, FLAT, look), np.random.default_rng(5))
 
 
 @pytest.mark.parametrize("camera", [TOWARDS_GOAL, ALONG_LINE, ASLANT], ids=["towards_goal", "along_line", "aslant"])
@@ -48,6 +58,49 @@ def test_a_robots_picture_is_calibrated(camera):
     assert found.status == "calibrated", found.verdict
     assert compare(picture.truth, found.attempt.camera)[0] < 4.0
     assert found.attempt.camera.camera.position_m[2] == pytest.approx(camera.position_m[2], abs=0.03)
+
+
+def test_a_camera_may_stand_on_a_mast():
+    """Above three metres every picture of a robots' field was refused."""
+    picture = rendered(FROM_A_MAST)
+    found = run(picture.image, CONFIG, frame_id="mast")
+    assert found.status == "calibrated", found.verdict
+    assert compare(picture.truth, found.attempt.camera)[0] < 1.0
+
+
+def test_a_camera_under_the_ceiling_is_right_on_the_field_and_honest_about_its_height():
+    """From straight above, zoom and height are one: a robot's usual elevation pulled the camera to 0.3 m."""
+    picture = rendered(UNDER_THE_CEILING, SMALL_SIZE)
+    config = load_config(None, {"field.template": "robocup-ssl"})
+    found = run(picture.image, config, frame_id="ceiling")
+    assert found.status == "calibrated", found.verdict
+    camera = found.attempt.camera
+    assert compare(picture.truth, camera)[0] < 1.0
+    height, spread = -camera.camera.position_m[2], np.sqrt(camera.covariance[6, 6])
+    assert abs(height - 4.6) < 2 * spread and 0.3 < spread < 2.0
+    known = run(picture.image, load_config(config, {"camera.focal_px": 700.0}), frame_id="ceiling")
+    assert -known.attempt.camera.camera.position_m[2] == pytest.approx(4.6, abs=0.1)
+
+
+def test_a_ceiling_camera_whose_lens_is_told_needs_no_other_prior():
+    """What the refusal of a lens that is too short advises must not lead to a wrong camera."""
+    picture = rendered(UNDER_THE_CEILING, SMALL_SIZE)
+    config = load_config("robocup-ceiling", {"field.template": "robocup-ssl"})
+    config = config.model_copy(update={"camera": CONFIG.camera, "verdict": CONFIG.verdict})
+    refused = run(picture.image, config, frame_id="ceiling")
+    assert (refused.status, refused.verdict.code) == ("refused", "implausible_camera")
+    assert "camera.focal_px" in refused.verdict.help
+    told = config.model_copy(update={"camera": CONFIG.camera.model_copy(update={"focal_px": 700.0})})
+    found = run(picture.image, told, frame_id="ceiling")
+    assert found.status == "calibrated", found.verdict
+    assert -found.attempt.camera.camera.position_m[2] == pytest.approx(4.6, abs=0.1)
+
+
+def test_a_picture_tells_kid_size_by_itself():
+    """KidSize was none of the fields that auto tries, and was taken for the Standard Platform League's."""
+    picture = rendered(OVER_THE_CIRCLE, load_field("robocup-kid"))
+    found = calibrate_unknown_field(picture.image, load_config(None, {"field.template": "auto"}), frame_id="kid")
+    assert (found.status, found.field_name) == ("calibrated", "robocup-kid")
 
 
 def test_a_part_of_the_circle_is_calibrated_with_its_mark_and_never_wrongly_without():

@@ -26,6 +26,7 @@ AUTO = "auto"
 TOLD_APART = (
     "soccer",
     "robocup",
+    "robocup-kid",
     "robocup-adult",
     "robocup-msl",
     "ice-hockey-nhl",

@@ -37,6 +37,8 @@ from circlecal.records.json_text import read_result
 from circlecal.records.log import is_log, read_records
 from circlecal.records.record import ResultRecord
 
+SCORED_FIELD = "soccer"
+"""The field whose markings and sizes the metrics have."""
 USUAL_SIZES: tuple[Size, ...] = ((640, 360), (960, 540), (1280, 720), (1920, 1080), (3840, 2160))
 SIZE_TOLERANCE = 0.06
 CENTRAL_CLASS, HALFWAY_CLASS = "Circle central", "Middle line"
@@ -157,15 +159,18 @@ def read_predictions(folder: Path, size: Size, given_size: Size | None = None) -
     Raises
     ------
     InputError
-        No such folder, no camera in it, a damaged file, or one frame in two folders.
+        No such folder, no camera of a soccer field in it, a damaged file, or one frame in two folders.
     """
     found: dict[str, Prediction] = {}
+    others: set[str] = set()
     places = _Places()
     for path in _files(folder, (".json", MATRIX_SUFFIX)):
         known, content = _open(path)
         more: dict[str, Prediction] = {}
         if known is _TRUTH:
-            more = _true_camera(path, parse_content(_FrameTruth, path, content.raw), size)
+            truth = parse_content(_FrameTruth, path, content.raw)
+            others |= {truth.field} - {SCORED_FIELD}
+            more = _true_camera(path, truth, size)
         elif known is soccernet_camera.FORMAT:
             keys = parse_content(CameraKeys, path, content.raw)
             frame_id = path.stem.removeprefix(soccernet_camera.PREFIX)
@@ -173,13 +178,21 @@ def read_predictions(folder: Path, size: Size, given_size: Size | None = None) -
         elif isinstance(known, CameraFormat):
             more = _further(known.read(path, content.raw, given_size), size)
         elif known is RESULT:
-            more = _own_result(read_result(path), size)
+            record = read_result(path)
+            others |= _other_field(record)
+            more = _own_result(record, size)
         for frame_id in more:
             places.enter(path, frame_id, known.name)
         found |= more
     for log in _logs(folder):
         for record in read_records(log):
+            others |= _other_field(record)
             found |= _own_result(record, size)
+    if not found and others:
+        raise InputError(
+            f"{folder}: holds cameras of {' and '.join(sorted(others))}, and the metrics are those of {SCORED_FIELD} "
+            "fields; give frames of these"
+        )
     if not found:
         raise InputError(
             f"{folder}: holds no camera of a soccer field; camera_<id>.json, results or <id>{MATRIX_SUFFIX} are read"
@@ -266,11 +279,16 @@ def _predict_by_homography(H_image_field: Array, factor: tuple[float, float]) ->
     return Prediction(PlaneHomography(H), H)
 
 
+def _other_field(stored: ResultRecord) -> set[str]:
+    """The name of the field of a result where it is another than the one that is scored."""
+    return set() if stored.field is None else {stored.field.template} - {SCORED_FIELD}
+
+
 def _own_result(stored: ResultRecord, size: Size) -> dict[str, Prediction]:
-    """A result of circlecal; none where it was refused, or is of another field than those that are scored."""
-    if stored.field is not None and stored.field.template != "soccer":
+    """A result of circlecal; none where it was refused, or is of another field than the one that is scored."""
+    if _other_field(stored):
         return {}
-    template = load_field("soccer")
+    template = load_field(SCORED_FIELD)
     frame = CalibratedFrame.of(stored, template, template.circle_by_name[template.default_circle])
     if frame is None:
         return {}
@@ -281,9 +299,9 @@ def _own_result(stored: ResultRecord, size: Size) -> dict[str, Prediction]:
 
 def _true_camera(path: Path, truth: _FrameTruth, size: Size) -> dict[str, Prediction]:
     """The camera of a rendered frame; none of a field or view that is not scored."""
-    if truth.field != "soccer" or truth.expect == "refuse":
+    if truth.field != SCORED_FIELD or truth.expect == "refuse":
         return {}
-    template = load_field("soccer")
+    template = load_field(SCORED_FIELD)
     circle = template.circle_by_name[template.default_circle]
     camera = truth.camera.camera(path, (truth.width, truth.height))
     view = FieldView(camera, Surface(truth.crown_shape, truth.crown_reference_m, truth.crown_m))

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from circlecal.checks import CHECKS, words_of_check
+from circlecal.checks import CHECKS, words_of_check, words_of_value
 from circlecal.geometry.projective import Array
 from circlecal.refusals import explain
 
@@ -136,8 +136,13 @@ class Verdict:
 
     @classmethod
     def refusal_by(cls, check: Check, checks: tuple[Check, ...], marking: str = "") -> Verdict:
-        """The refusal of a frame by a failed check, with all checks, in words that name the marking."""
-        return cls("refused", CHECKS[check.name].code, words_of_check(check.name, marking), "verdict", checks)
+        """The refusal of a frame by a failed check, with all checks, in words that name the marking; of a camera that
+        is implausible also the check's value, its limit and the option that sets it.
+        """
+        code, words = CHECKS[check.name].code, words_of_check(check.name, marking)
+        if code == "implausible_camera":
+            words = f"{words} ({words_of_value(check.name, check.value, check.limit)})"
+        return cls("refused", code, words, "verdict", checks)
 
     @property
     def help(self) -> str | None:

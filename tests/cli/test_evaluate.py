@@ -130,9 +130,12 @@ def test_rendered_frames_and_results(run_circlecal, run_of_samples, tmp_path):
     told = run_circlecal("evaluate", samples / "truth", run_of_samples, "--central")
     assert (told.code, "line annotations" in told.err) == (2, True)
     truth = json.loads((samples / "truth" / "full_circle.json").read_text())
-    for change in ({"field": "futsal"}, {"expect": "refuse"}):
+    # of another sport it was said to hold no camera, although every file of it is one
+    other_sport = "holds cameras of futsal, and the metrics are those of soccer fields; give frames of these"
+    for change, words in (({"field": "futsal"}, other_sport), ({"expect": "refuse"}, "holds no camera")):
         (samples / "truth" / "full_circle.json").write_text(json.dumps(truth | change))
-        assert "holds no camera" in run_circlecal("evaluate", samples / "truth", run_of_samples).err
+        outcome = run_circlecal("evaluate", samples / "truth", run_of_samples)
+        assert outcome.code == 2 and words in " ".join(outcome.err.split())
     (samples / "truth" / "full_circle.json").write_text(json.dumps({"shots": [], "tripod": {}, "frames": []}))
     assert "bench track" in run_circlecal("evaluate", samples / "truth", run_of_samples).err
 

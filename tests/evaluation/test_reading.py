@@ -43,5 +43,5 @@ def test_results_of_other_fields_are_no_predictions(by_homography, tmp_path):
     record = json.loads((tmp_path / "a.json").read_text())
     record["field"]["template"] = "basketball-nba"
     (tmp_path / "a.json").write_text(json.dumps(record))
-    with pytest.raises(InputError, match="holds no camera of a soccer field"):
+    with pytest.raises(InputError, match="holds cameras of basketball-nba, and the metrics are those of soccer fields"):
         read_predictions(tmp_path, HALF)

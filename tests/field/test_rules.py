@@ -57,6 +57,21 @@ def basketball(length, width, radius, free_throw, key, arc, basket, corner, stra
     }
 
 
+def small_size(length, width, depth, wide, penalty):
+    """Rows of a Small Size field: field, defense area (depth and width), penalty mark from the opponent's goal."""
+    x, y = length / 2, width / 2
+    return {
+        "field": (length, width),
+        "centre_circle": (0, 0, 0.5),
+        "halfway_line": (0, y, 0, y),
+        "goal_to_goal_line": (x, 0, x, 0),
+        "side_line": (x, y, x, y),
+        "defense_area_main": (x - depth, wide / 2, x - depth, wide / 2),
+        "defense_area": (x, wide / 2, x - depth, wide / 2),
+        "penalty_mark": (penalty - x, 0),
+    }
+
+
 PENALTY_ARC = {"penalty_arc": (41.5, 0, 9.15)}
 SOCCER = soccer(105, 68, 16.5, 40.32, 11, 9.15, (5.5, 18.32)) | PENALTY_ARC
 INCH = 1 / 12
@@ -137,6 +152,8 @@ RULES = {
     "robocup-kid": (M, soccer(9, 6, 2, 5, 1.5, 0.75, (1, 3))),
     "robocup-adult": (M, soccer(14, 9, 3, 6, 2.1, 1.5, (1, 4))),
     "robocup-msl": (M, soccer(22, 14, 2.25, 6.9, 3.6, 2, (0.75, 3.9))),
+    "robocup-ssl": (M, small_size(9, 6, 1, 2, 6)),
+    "robocup-ssl-a": (M, small_size(12, 9, 1.8, 3.6, 8)),
     "field-hockey": (
         M,
         {
@@ -146,7 +163,7 @@ RULES = {
             "circle": (45.7, 1.83, 14.63),
             "circle_main": (31.07, 1.83, 31.07, 1.83),
             "quarter_line": (22.8, 27.5, 22.8, 27.5),
-            "penalty_mark": (39.3, 0),
+            "penalty_mark": (45.7 - 0.075 - 6.4, 0),  # from the inner edge of the goal line
         },
     ),
     "australian-football": (
@@ -217,7 +234,8 @@ PAINT = {
     "futsal": (0.08, M), "handball": (0.05, M), "ice-hockey": (0.05, M), "ice-hockey-nhl": (2 * INCH, FT),
     "basketball": (0.05, M), "basketball-fiba-2009": (0.05, M), "basketball-nba": (2 * INCH, FT),
     "basketball-ncaa": (2 * INCH, FT), "robocup": (0.05, M), "robocup-kid": (0.05, M), "robocup-adult": (0.05, M),
-    "robocup-msl": (0.125, M), "field-hockey": (0.075, M), "australian-football": (0.1, M), "curling": (0.5 * INCH, FT),
+    "robocup-msl": (0.125, M), "robocup-ssl": (0.01, M), "robocup-ssl-a": (0.01, M),
+    "field-hockey": (0.075, M), "australian-football": (0.1, M), "curling": (0.5 * INCH, FT),
     "netball": (0.05, M), "wrestling": (0.1, M), "lacrosse": (0.05, M),
 }  # fmt: skip
 WIDE_PAINT = {

@@ -338,6 +338,17 @@ def test_every_gate_has_a_code_and_words(camera, code, words, value):
     assert value is None or failed[0].value == pytest.approx(value, rel=0.01, nan_ok=True)
 
 
+def test_the_reason_of_an_implausible_camera_has_its_value_limit_and_option():
+    """Measured at a ceiling camera that was refused: neither the table nor the overlay said what must be widened."""
+    short = verdict(FAILURES["short lens"][0])
+    assert short.reason.endswith(
+        "than lenses are (focal length, picture widths: 0.2, must be at least 0.3, set by verdict.focal_widths)"
+    )
+    high = verdict(FAILURES["too high"][0])
+    assert "(height of the camera, m: 200, must be at most 150, set by verdict.height_m)" in high.reason
+    assert "camera.focal_px" in short.help and "the reason names" in short.help
+
+
 def test_a_camera_may_stand_in_the_stands():
     """The field's diagonal is 125 m, and the stands reach 60 m further."""
     far = verdict(camera_fit(position(4.0, 170.0, -60.0))).check("distance_radii")
