@@ -385,6 +385,11 @@ def test_calibrate_points(frame_camera):
         ({"keypoints": {"centre_mark": "here"}}, "centre_mark"),
         ({"keypoints": {(0.0, 0.0, 0.0): [1, 2]}}, "point .x, y. of the field"),
         ({"keypoints": {(float("nan"), 0.0): [1, 2]}}, "point of the field that is not finite"),
+        (
+            {"keypoints": {(500.0, 0.0): [1, 2]}},
+            r"^\(500.0, 0.0\): lies more than 3 lengths of the field \(105 m\) from",
+        ),
+        ({"keypoints": {(9.15, 0.0): [1e9, 2]}}, r"^\(9.15, 0.0\): its pixel lies more than 20 pictures away$"),
         ({"sigma_px": -1.0}, "sigma_px"),
         ({"sigma_px": float("nan")}, "sigma_px"),
         ({"convention": "pain"}, "neither 'official' nor 'paint'"),
@@ -449,6 +454,36 @@ def test_keypoints_go_with_the_markings_that_they_are_of():
     for point, shift in zip(sorted(points, key=lambda p: p.point_px[0]), names.values(), strict=True):
         assert (point.shift is None) if shift is None else np.array_equal(point.shift, shift)
     assert np.any(points_from_observations(found.attempt.observations, field).shift != 0.0)
+
+
+CLICKS = {
+    "size": (1280, 720),
+    "circle": [[961, 412], [834, 466], [603, 474], [410, 400], [452, 362], [616, 330], [716, 328], [909, 357]],
+    "lines": {"halfway_line": [[731, 262], [648, 501]], "side_line_top": [[538, 208], [955, 213], [1114, 214]]},
+    "convention": "paint",
+}
+"""Points that somebody clicked in a picture whose centre mark is at (685, 391)."""
+
+
+@pytest.mark.parametrize("place", [(52.5, 0.0), (300.0, 0.0), (0.0, -34.0), (-30.0, 60.0)])
+def test_one_wrong_keypoint_among_clicks_is_left_out(place):
+    """A lens that folds back would put any point of the field at any pixel, and a point far away passes at first."""
+    right = circlecal.calibrate_points(**CLICKS)
+    found = circlecal.calibrate_points(**CLICKS, keypoints={place: (685, 391)})
+    assert [str(key) for key in found.attempt.camera.left_out] == [f"({place[0]:g}, {place[1]:g}) m"]
+    assert np.linalg.norm(found.position_m - right.position_m) < 0.05
+    assert found.sigma_px == pytest.approx(right.sigma_px, rel=0.01)
+
+
+def test_residuals_of_keypoints_are_those_of_the_camera():
+    rim = circlecal.calibrate_points(**CLICKS).to_image((9.15, 0.0)) + 1.0
+    given = {(0.0, 0.0): (687, 391), (52.5, 0.0): (685, 391), (9.15, 0.0): rim}
+    found = circlecal.calibrate_points(**CLICKS, keypoints=given)
+    seen = {f"({x:g}, {y:g}) m": np.linalg.norm(found.to_image((x, y)) - pixel) for (x, y), pixel in given.items()}
+    residuals = {str(key): px for key, px in found.attempt.camera.all_residuals_px.items() if str(key) in seen}
+    assert len(residuals) == 2
+    for name, px in residuals.items():
+        assert px == pytest.approx(seen[name], abs=0.05)
 
 
 def test_a_result_is_saved_in_a_folder_whatever_its_name(tmp_path):

@@ -21,7 +21,7 @@ from circlecal.files import is_file
 from circlecal.formats.annotation import Annotation
 from circlecal.formats.cameras import as_size
 from circlecal.formats.inputs import observations_beside, observe_network
-from circlecal.formats.meaning import NO_MARKING, REFERENCE_WIDTH_PX, names_a_point, observe
+from circlecal.formats.meaning import NO_MARKING, REACH, REFERENCE_WIDTH_PX, names_a_point, observe
 from circlecal.formats.shapes import AnnotatedFrame, Shape
 from circlecal.geometry.projective import PointsLike
 from circlecal.observations import Keypoint, Observations, join_observations
@@ -40,6 +40,11 @@ Settings = Mapping[str, Any]
 
 CLICKED_SIGMA_PX = 1.5
 """Standard deviation of points that people click, pixels at 1920 px width; as for annotation files."""
+
+FARTHEST_LENGTHS = 3
+"""Of a point of the field from the field's middle, in lengths of the field: what lies further away is in another unit,
+or damaged.
+"""
 
 _OF_CV2 = "; cv2.imread returns None where it cannot read the file"
 _log = logging.getLogger(__name__)
@@ -484,9 +489,11 @@ def observe_points(
                 raise InputError(f"{place}: is one point of the field, and {len(pixels)} pixels are given; give one")
             shapes.append(Shape(place, "points", pixels))
         else:
-            x, y = _field_point(place)
+            x, y = _field_point(place, template)
             if len(pixels) > 1:
                 raise InputError(f"{place}: is one point of the field, and {len(pixels)} pixels are given; give one")
+            if np.abs(pixels).max(initial=0.0) > REACH * max(width, height):
+                raise InputError(f"{place}: its pixel lies more than {REACH} pictures away")
             keypoints += [Keypoint(f"({x:.10g}, {y:.10g}) m", np.array([x, y]), pixel, sigma) for pixel in pixels]
     sources = config.sources.model_copy(update={"sigma_px": {"points": sigma * REFERENCE_WIDTH_PX / width}})
     observed = observe(AnnotatedFrame("points", width, height, tuple(shapes)), template, sources, "points", "points")
@@ -497,12 +504,23 @@ def observe_points(
     return join_observations(observed.observations, Observations(width, height, keypoints=tuple(keypoints)))
 
 
-def _field_point(place: Any) -> tuple[float, float]:
-    """A point of the field, metres, of somebody's own mapping."""
+def _field_point(place: Any, template: FieldTemplate) -> tuple[float, float]:
+    """A point of the field, metres, of somebody's own mapping.
+
+    Raises
+    ------
+    InputError
+        It is no point, or lies nowhere near the field.
+    """
     try:
         x, y = (float(value) for value in place)
     except (TypeError, ValueError) as error:
         raise InputError(f"{place}: is neither a name nor a point (x, y) of the field in metres") from error
     if not np.isfinite([x, y]).all():
         raise InputError(f"{place}: is a point of the field that is not finite")
+    if np.hypot(x, y) > FARTHEST_LENGTHS * template.length_m:
+        raise InputError(
+            f"{place}: lies more than {FARTHEST_LENGTHS} lengths of the field ({template.length_m:.10g} m) from its "
+            "middle; field points are in metres"
+        )
     return x, y
