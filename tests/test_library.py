@@ -1,5 +1,6 @@
 """What a user types on a result: every call answers, for calibrated and refused frames, and for results read back."""
 
+import copy
 import json
 import pickle
 from collections.abc import Sequence
@@ -14,6 +15,7 @@ from circlecal.camera.observed import points_from_observations
 from circlecal.config import config_names, load_config
 from circlecal.errors import ConfigError, InputError
 from circlecal.field import field_folder, load_field
+from circlecal.formats.registry import calibration_formats
 
 CENTRE_AND_RIM = np.array([[0.0, 0.0], [9.15, 0.0], [0.0, -9.15]])
 CALLS = {
@@ -160,6 +162,47 @@ def test_an_export_of_a_refused_frame_and_an_unknown_format(good, refused, tmp_p
         good.export("colmap", tmp_path)
 
 
+ONE_FILE = sorted(name for name, form in calibration_formats().items() if not form.per_frame)
+
+
+@pytest.mark.parametrize("form", ONE_FILE)
+def test_formats_of_one_file_hold_all_frames(good, refused, frame_image, tmp_path, form):
+    """A single frame replaces its own export alone; several are written at once."""
+    other = circlecal.calibrate(frame_image, id="day 1/other.v2")
+    file = tmp_path / calibration_formats()[form].file_name
+    assert other.export(form, tmp_path) == other.export(form, tmp_path) == [file]
+    one = file.read_bytes()
+    for frame in (good, refused):
+        with pytest.raises(
+            InputError, match=rf"{file.name}: holds other.v2.*circlecal.export\(frames, '{form}', folder"
+        ):
+            frame.export(form, tmp_path)
+    assert file.read_bytes() == one
+    assert circlecal.export([good, other, refused], form, tmp_path) == [file]
+    held = calibration_formats()[form].read(file, file.read_bytes(), good.size)
+    assert {good.id, "other.v2"} <= {frame.id for frame in held}
+    file.write_bytes(b"notes of somebody")
+    with pytest.raises(InputError, match=f"{file.name}: is there already and is no {form} file; choose another folder"):
+        good.export(form, tmp_path)
+
+
+def test_a_refused_frame_takes_its_own_camera_away(good, refused, tmp_path):
+    again = copy.copy(refused)
+    again._record = refused._record.model_copy(update={"id": good.id})
+    file = good.export("tvcalib", tmp_path)[0]
+    assert again.export("tvcalib", tmp_path) == [] and not file.exists()
+
+
+def test_exports_of_several_frames_need_ids(good, frame_image, tmp_path):
+    twin = circlecal.calibrate(frame_image, id=good.id.upper())
+    with pytest.raises(InputError, match=rf"^{twin.id}: two frames have this id; .*calibrate\(image, id=\.\.\.\)"):
+        circlecal.export([good, twin], "soccernet", tmp_path)
+    with pytest.raises(InputError, match=r"^format colmap"):
+        circlecal.export([good], "colmap", tmp_path)
+    written = circlecal.export((frame for frame in [good]), "soccernet", tmp_path / "new")
+    assert [path.name for path in written] == [f"camera_{good.id}.json"]
+
+
 def test_intermediates_print_short(good):
     for found in (good.attempt, good.attempt.ellipses.primary, good.attempt.correspondences, good.view):
         assert len(repr(found)) < 2500
@@ -298,6 +341,24 @@ def test_html_has_the_picture_while_somebody_holds_it(frame_image):
 
 def test_html_escapes_names(frame_image):
     assert "<script>" not in circlecal.calibrate(frame_image, id="<script>&")._repr_html_()
+
+
+@pytest.mark.parametrize("is_loaded", [False, True])
+def test_nobody_changes_a_result_by_its_arrays(good, tmp_path, is_loaded):
+    frame = circlecal.load(good.save(tmp_path)) if is_loaded else good
+    fit = frame.attempt.camera
+    held = (
+        frame.position_m, frame.camera.kappa, frame.camera.focal_px, frame.camera.angles_rad, frame.region.covariance,
+        frame.camera.principal_point_px, fit.theta, fit.covariance, fit.H_image_field, fit.imaged_center_px,
+    )  # fmt: skip
+    for values in held:
+        with pytest.raises(ValueError, match="read-only"):
+            values += 1.0
+    before = frame.to_image([9.15, 0.0])
+    for own in (frame.K, frame.R, frame.t, frame.H_image_field, frame.H_field_image):
+        own += 1.0
+    assert np.array_equal(frame.to_image([9.15, 0.0]), before)
+    assert not np.array_equal(frame.K, frame.K + 1.0) and np.array_equal(frame.K, good.K)
 
 
 def test_equal_by_content_and_not_by_time(frame_image, good):
@@ -473,6 +534,30 @@ def test_one_wrong_keypoint_among_clicks_is_left_out(place):
     assert [str(key) for key in found.attempt.camera.left_out] == [f"({place[0]:g}, {place[1]:g}) m"]
     assert np.linalg.norm(found.position_m - right.position_m) < 0.05
     assert found.sigma_px == pytest.approx(right.sigma_px, rel=0.01)
+
+
+def test_a_line_under_a_wrong_name_that_the_last_fit_misses_is_left_out():
+    """The far touchline under the name of a goal line, which bends the camera, and grows its own noise."""
+    circle = [[727, 378], [187, 352], [754, 364], [200, 333], [247, 313], [199, 335], [612, 402], [346, 292],
+              [435, 413], [748, 318], [298, 299], [686, 299]]  # fmt: skip
+    halfway = [[459, 367], [555, 258], [508, 310], [482, 343], [547, 268]]
+    touchline = [[1164, 182], [1039, 179], [841, 178], [395, 169], [937, 179], [1201, 182], [963, 179], [989, 178],
+                 [280, 166], [819, 178], [969, 180], [1062, 182]]  # fmt: skip
+    lines = {"halfway_line": halfway, "side_line_left": touchline}
+    options = {"camera.crown_shape": "flat"}
+    found = circlecal.calibrate_points(size=(1280, 720), circle=circle, lines=lines, sigma_px=1.0, set=options)
+    assert [str(key) for key in found.attempt.camera.left_out] == ["side_line_left"]
+
+
+def test_good_keypoints_stay_beside_a_wrong_one_that_bends_the_camera():
+    given = {
+        (0, 0): (551, 373), (0, 9.15): (605, 408), (0, -9.15): (507, 343), (9.15, 0): (742, 361),
+        (-9.15, 0): (343, 382), (0, -34): (430, 288), (0, 34): (881, 593), (6.47, 6.47): (738, 387),
+        (-6.47, -6.47): (385, 355), (6.47, -6.47): (647, 345), (36, -20.16): (724, 242),
+    }  # fmt: skip
+    options = {"camera.crown_shape": "flat"}
+    found = circlecal.calibrate_points(size=(1280, 720), keypoints=given, sigma_px=1.0, set=options)
+    assert found.ok and [str(key) for key in found.attempt.camera.left_out] == ["(36, -20.16) m"]
 
 
 def test_residuals_of_keypoints_are_those_of_the_camera():

@@ -18,12 +18,13 @@ from circlecal.api.transformer import ViewTransformer
 from circlecal.errors import ConfigError, InputError
 from circlecal.field import FieldTemplate, field_names, load_field
 from circlecal.field.view import FieldView
-from circlecal.files import exists, is_folder
+from circlecal.files import exists, is_folder, read_file, remove_file
 from circlecal.formats.exports import Exports
+from circlecal.formats.format import MAX_BYTES, AnnotationFormat, CameraFormat
 from circlecal.formats.registry import calibration_formats, require_format
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.projective import Array, PointsLike
-from circlecal.names import as_stem
+from circlecal.names import as_stem, picture_name, show
 from circlecal.pictures.files import as_bgr, read_image
 from circlecal.pictures.video import pictures_at
 from circlecal.records.json_text import to_mapping, write_result
@@ -492,6 +493,8 @@ class Calibration:
     def export(self, format: str, folder: str | Path, size: tuple[int, int] | None = None) -> list[Path]:
         """Write the calibration for another program, as ``circlecal calibrate --to`` does.
 
+        Several frames go into a format of one file for all frames, such as ``"coco"``, by :func:`circlecal.export`.
+
         Parameters
         ----------
         format : str
@@ -504,22 +507,47 @@ class Calibration:
         Returns
         -------
         list of path
-            The files; none of a refused frame in a format of cameras.
+            The files; none of a refused frame in a format of cameras, where what an earlier call wrote of it is gone.
 
         Raises
         ------
         InputError
-            An unknown format, or a file that cannot be written.
+            An unknown format, a file for all frames that holds another one, or a file that cannot be written.
         ConfigError
             As for :attr:`field`.
         """
         require_format(format, calibration_formats(), "format", "format that can be written")
-        exports = Exports([format], Path(folder), size)
-        named = None if self._record.field is None else self._record.field.circle
-        circle = self.field.circle_by_name[named or self.field.default_circle]
-        exports.add(self._record, self.field, circle, None if self.source is None else Path(self.source).name)
+        exports, form = Exports([format], Path(folder), size), calibration_formats()[format]
+        if not form.per_frame:
+            file = Path(folder) / form.file_name
+            _require_own(file, form, {self.id, Path(self._picture_name or self.id).stem}, self.size)
+            if isinstance(form, CameraFormat) and not self.ok:
+                remove_file(file)
+                return []
+        self.add_to(exports)
         exports.finish()
         return exports.written
+
+    def add_to(self, exports: Exports) -> None:
+        """Take this frame into what is written of several for other programs, as :func:`circlecal.export` does.
+
+        Raises
+        ------
+        InputError
+            A file cannot be written.
+        ConfigError
+            As for :attr:`field`.
+        """
+        named = None if self._record.field is None else self._record.field.circle
+        circle = self.field.circle_by_name[named or self.field.default_circle]
+        exports.add(self._record, self.field, circle, self._picture_name)
+
+    @property
+    def _picture_name(self) -> str | None:
+        """Name of the picture for other programs; one of a video is named by its frame."""
+        if self.source is None:
+            return None
+        return picture_name(self.id, self.source) if self.time_s is None else f"{self.id}.jpg"
 
     # --- as a value
 
@@ -556,6 +584,30 @@ class Calibration:
             with contextlib.suppress(ConfigError):  # of a field of somebody's own, whose file was not given
                 drawn = self.overlay(image)
         return show_record(self._record, drawn)
+
+
+def _require_own(
+    file: Path, form: AnnotationFormat | CameraFormat, own: set[str], size: tuple[int, int] | None
+) -> None:
+    """See that a file for all frames is missing, or holds no frame but one that has the names ``own``.
+
+    Raises
+    ------
+    InputError
+        It holds others, or something else.
+    """
+    if not exists(file):
+        return
+    try:
+        held = {frame.id for frame in form.read(file, read_file(file, MAX_BYTES, "choose another folder"), size)}
+    except InputError as error:
+        raise InputError(f"{file}: is there already and is no {form.name} file; choose another folder") from error
+    others = sorted(held - own - {Path(name).name for name in own})
+    if others:
+        raise InputError(
+            f"{file}: holds {show(others[0])}, which would be lost; write all frames at once: "
+            f"circlecal.export(frames, {form.name!r}, folder)"
+        )
 
 
 def _is_meant_as_folder(path: str | Path) -> bool:
