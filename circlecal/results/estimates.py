@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
@@ -19,6 +19,14 @@ CONTRADICTING_SIGMAS, CONTRADICTING_PX = 5.0, 8.0
 """A single point further from its marking than so many of its standard deviations and pixels at 1920 px width
 contradicts the rest: clicks scatter by 1.5 px.
 """
+
+
+def _freeze(found: CameraFit | HomographyRegion | Camera) -> None:
+    """Let nobody write into the arrays of a result."""
+    for each in fields(found):
+        value = getattr(found, each.name)
+        if isinstance(value, np.ndarray):
+            value.setflags(write=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,6 +166,10 @@ class HomographyRegion(ShortRepr):
     image_px: Array
     covariance: Array
     directions: int
+
+    def __post_init__(self) -> None:
+        """Nobody changes an answer by its arrays."""
+        _freeze(self)
 
     def distance(self, H_image_field: Array) -> float:
         """Squared Mahalanobis distance of a homography (3, 3), along the ``directions`` of largest variance.
@@ -303,6 +315,11 @@ class CameraFit(ShortRepr):
     painters: PaintersFit | None = None
     painted_sigma_px: dict[MarkingKey, float] = field(default_factory=dict)
     missed_ends_px: dict[MarkingKey, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Nobody changes an answer by its arrays, which its view, its record and its pictures share."""
+        _freeze(self)
+        _freeze(self.camera)
 
     @property
     def all_residuals_px(self) -> dict[MarkingKey, float]:
