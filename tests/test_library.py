@@ -262,7 +262,7 @@ def test_a_map_of_points_of_another_shape(good, points):
         good.transformer().transform_points(points)
 
 
-@pytest.mark.parametrize("size", [(0, 7000), (-1, 1), (1, 2, 3)])
+@pytest.mark.parametrize("size", [(0, 7000), (-1, 1), (1, 2, 3), (np.inf, 68), (np.nan, 68), (105, "a"), "105"])
 def test_a_map_without_a_size(good, size):
     with pytest.raises(ValueError, match="both positive"):
         good.transformer(size)
@@ -271,6 +271,14 @@ def test_a_map_without_a_size(good, size):
 def test_arguments_of_another_kind(frame_image):
     with pytest.raises(TypeError, match="an array or a path, not NoneType"):
         circlecal.calibrate(None)
+    with pytest.raises(TypeError, match=r"^mask must be an array or a path, not list$"):
+        circlecal.calibrate(frame_image, mask=[[0, 1]])
+    with pytest.raises(TypeError, match=r"^path must be that of a video, not ndarray$"):
+        circlecal.calibrate_video(frame_image)
+    with pytest.raises(TypeError, match=r"^id must be a text, not 7; give str\(7\)$"):
+        circlecal.calibrate(frame_image, id=7)
+    with pytest.raises(TypeError, match=r"^id must be a text, not 7; give str\(7\)$"):
+        circlecal.calibrate_points(size=(960, 540), keypoints={"centre_mark": [480, 270]}, id=7)
     with pytest.raises(TypeError, match="config takes a Config, a name or a file"):
         circlecal.calibrate(frame_image, {"camera": {}})
     with pytest.raises(TypeError, match="set takes a mapping"):
@@ -376,6 +384,57 @@ def test_a_picture_in_a_file_is_read_again(frame_file):
     assert calibration.top_view(px_per_m=4).shape[1] < calibration.top_view().shape[1]
     frame_file.unlink()
     assert calibration.image is None
+
+
+class _Path:
+    """A path of somebody else's class."""
+
+    def __init__(self, path):
+        self._path = path
+
+    def __fspath__(self):
+        return str(self._path)
+
+
+def test_paths_of_other_classes_are_paths(frame_file, good):
+    found = circlecal.calibrate(_Path(frame_file))
+    assert found == circlecal.calibrate(frame_file) and found.source == str(frame_file)
+    drawn = found.overlay()
+    for path in (frame_file, str(frame_file), _Path(frame_file)):
+        assert np.array_equal(found.overlay(path), drawn)
+        assert np.array_equal(found.top_view(path), found.top_view())
+    with pytest.raises(InputError, match="nowhere"):
+        good.overlay("nowhere.jpg")
+    with pytest.raises(TypeError, match=r"^image must be an array or a path, not list$"):
+        good.overlay([1])
+
+
+def test_points_without_a_name_are_called_points(tmp_path):
+    found = circlecal.calibrate_points(size=(960, 540), keypoints={"centre_mark": [480, 270]}, id=None)
+    assert found.id == "points" and circlecal.load(found.save(tmp_path)) == found
+
+
+def test_what_a_masked_array_hides_is_nowhere(good):
+    pixels = np.ma.masked_array([[480, 270], [300, 300]], mask=[[False, False], [True, True]])
+    for answer in (good.to_field(pixels), good.transformer().transform_points(pixels)):
+        assert np.isfinite(answer[0]).all() and np.isnan(answer[1]).all()
+    hidden = np.ma.masked_array([[0.0, 0.0], [9.15, 0.0]], mask=[[False, False], [True, False]])
+    assert np.isfinite(good.to_image(hidden)).all(axis=1).tolist() == [True, False]
+
+
+def test_parts_of_a_result_are_themselves_and_can_be_kept_in_sets(good, frame_image):
+    other = circlecal.calibrate(frame_image, id="good")
+    for part in ("camera", "view", "attempt", "found", "region"):
+        mine = getattr(good, part)
+        assert getattr(other, part) != mine and mine in {mine}
+
+
+def test_a_template_of_soccer_holds_no_rink(frame_image, tmp_path):
+    given = circlecal.calibrate_points(size=(960, 540), keypoints={"centre_mark": [480, 270]}, field="ice-hockey")
+    with pytest.raises(InputError, match="soccer pitch; the field 'ice-hockey' has no side_line_right"):
+        given.export("worldcup", tmp_path)
+    with pytest.raises(InputError, match="soccer pitch; the field 'ice-hockey' has no side_line_right"):
+        circlecal.export([given], "worldcup", tmp_path)
 
 
 def test_a_picture_of_another_size_is_refused(good):

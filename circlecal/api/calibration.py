@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from circlecal import overlay
 from circlecal.api.notebook import show_record
-from circlecal.api.transformer import ViewTransformer
+from circlecal.api.transformer import ViewTransformer, as_points
 from circlecal.errors import ConfigError, InputError
 from circlecal.field import FieldTemplate, field_names, load_field
 from circlecal.field.view import FieldView
 from circlecal.files import exists, is_folder, read_file, remove_file
-from circlecal.formats.exports import Exports
+from circlecal.formats.exports import Exports, require_field
 from circlecal.formats.format import MAX_BYTES, AnnotationFormat, CameraFormat
 from circlecal.formats.registry import calibration_formats, require_format
 from circlecal.geometry.camera import Camera
@@ -212,7 +212,7 @@ class Calibration:
         Parameters
         ----------
         points_px : (..., 2) array
-            Pixels of the picture.
+            Pixels of the picture; those that a masked array hides are nowhere, nan.
         sigma : bool
             Whether to return their standard deviations too.
 
@@ -406,12 +406,12 @@ class Calibration:
 
     # --- pictures, files
 
-    def overlay(self, image: NDArray[Any] | None = None) -> Picture:
+    def overlay(self, image: NDArray[Any] | str | Path | None = None) -> Picture:
         """Draw the field template and the verdict over the picture.
 
         Parameters
         ----------
-        image : array, optional
+        image : array or path, optional
             The picture, as :func:`circlecal.calibrate` takes it; the frame's own when None.
 
         Returns
@@ -422,18 +422,20 @@ class Calibration:
         Raises
         ------
         InputError
-            There is no picture, or one of another size.
+            There is no picture, one that cannot be read, or one of another size.
+        TypeError
+            The picture is neither an array nor a path.
         ConfigError
             As for :attr:`field`.
         """
         return overlay.draw_overlay(self._picture(image), self.found, self.field)
 
-    def top_view(self, image: NDArray[Any] | None = None, px_per_m: float = 10.0) -> Picture | None:
+    def top_view(self, image: NDArray[Any] | str | Path | None = None, px_per_m: float = 10.0) -> Picture | None:
         """The picture as it would be seen from straight above, with the template drawn over it.
 
         Parameters
         ----------
-        image : array, optional
+        image : array or path, optional
             The picture, as :func:`circlecal.calibrate` takes it; the frame's own when None.
         px_per_m : float
             Resolution.
@@ -446,14 +448,23 @@ class Calibration:
         Raises
         ------
         InputError
-            There is no picture, or one of another size.
+            There is no picture, one that cannot be read, or one of another size.
+        TypeError
+            The picture is neither an array nor a path.
         ConfigError
             As for :attr:`field`.
         """
         return overlay.draw_radar(self._picture(image), self.found, self.field, px_per_m) if self.ok else None
 
-    def _picture(self, image: NDArray[Any] | None) -> Picture:
-        picture = self.image if image is None else as_bgr(image, "image")
+    def _picture(self, image: NDArray[Any] | str | Path | None) -> Picture:
+        if image is None:
+            picture = self.image
+        elif isinstance(image, np.ndarray):
+            picture = as_bgr(image, "image")
+        elif isinstance(image, str | os.PathLike):
+            picture = read_image(os.fspath(image))
+        else:
+            raise TypeError(f"image must be an array or a path, not {type(image).__name__}")
         if picture is None:
             raise InputError(f"{self.id}: its picture is not at hand; give it: overlay(image), top_view(image)")
         if picture.shape[1::-1] != self.size:
@@ -512,11 +523,13 @@ class Calibration:
         Raises
         ------
         InputError
-            An unknown format, a file for all frames that holds another one, or a file that cannot be written.
+            An unknown format or one that cannot say this field, a file for all frames that holds another one, or a file
+            that cannot be written.
         ConfigError
             As for :attr:`field`.
         """
         require_format(format, calibration_formats(), "format", "format that can be written")
+        require_field([format], self.field)
         exports, form = Exports([format], Path(folder), size), calibration_formats()[format]
         if not form.per_frame:
             file = Path(folder) / form.file_name
@@ -619,7 +632,7 @@ def _is_meant_as_folder(path: str | Path) -> bool:
 
 
 def _points(points: PointsLike, entries: tuple[int, ...] = (2,)) -> Array:
-    given = np.asarray(points, dtype=np.float64)
+    given = as_points(points)
     given = given.reshape(0, 2) if given.shape == (0,) else given  # a frame without players
     if given.ndim == 0 or given.shape[-1] not in entries:
         allowed = " or ".join(f"(..., {n})" for n in entries)

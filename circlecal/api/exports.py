@@ -7,7 +7,7 @@ from pathlib import Path
 
 from circlecal.api.calibration import Calibration
 from circlecal.errors import InputError
-from circlecal.formats.exports import Exports
+from circlecal.formats.exports import Exports, require_field
 from circlecal.formats.registry import calibration_formats, require_format
 from circlecal.names import as_stem
 
@@ -32,7 +32,7 @@ def export(
     Raises
     ------
     InputError
-        An unknown format, two frames of one id, or a file that cannot be written.
+        An unknown format or one that cannot say a field, two frames of one id, or a file that cannot be written.
     ConfigError
         As for :attr:`Calibration.field`.
     """
@@ -44,6 +44,7 @@ def export(
         if name in known:
             raise InputError(f"{frame.id}: two frames have this id; give each its own: calibrate(image, id=...)")
         known.add(name)
+        require_field([format], frame.field)
         frame.add_to(exports)
     exports.finish()
     return exports.written

@@ -29,7 +29,7 @@ def _freeze(found: CameraFit | HomographyRegion | Camera) -> None:
             value.setflags(write=False)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class PointCorrespondence:
     """A derived point: label, field (2,) metres, image (2,) pixels, and its sigma where known."""
 
@@ -39,7 +39,7 @@ class PointCorrespondence:
     sigma_px: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class DerivedPoint:
     """A point of the circle as the camera puts it: label, field (2,), undistorted pixel (2,), covariance (2, 2)."""
 
@@ -49,7 +49,7 @@ class DerivedPoint:
     covariance: Array
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class LineCorrespondence:
     """A derived tangent: label, field line (3,), image line (3,), both normalised."""
 
@@ -58,7 +58,7 @@ class LineCorrespondence:
     image_line: Array
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@dataclass(frozen=True, slots=True, repr=False, eq=False)
 class Correspondences(ShortRepr):
     """Stage ``correspondences``: the paper's points and tangents.
 
@@ -88,7 +88,7 @@ class Correspondences(ShortRepr):
     tangents: tuple[LineCorrespondence, ...]
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@dataclass(frozen=True, slots=True, repr=False, eq=False)
 class HomographyFit(ShortRepr):
     """Stage ``homography``: the DLT on points and lines, both directions, and the solution of the turned field."""
 
@@ -144,7 +144,7 @@ class FieldSize:
         return f"length {length}, width {width} m, {'usual' if self.is_usual else 'estimated'}"
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@dataclass(frozen=True, slots=True, repr=False, eq=False)
 class HomographyRegion(ShortRepr):
     """Where the true homography lies, told by the pixels of four field points, far from each other in the picture.
 
@@ -185,7 +185,7 @@ class HomographyRegion(ShortRepr):
         return float(np.sum(off**2 / np.maximum(values, np.finfo(np.float64).tiny)))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class PaintersFit:
     """An estimate that weighs what was seen by painters' errors too.
 
@@ -207,7 +207,7 @@ class PaintersFit:
     point_residuals_px: dict[MarkingKey, Array]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class RoughCamera:
     """Parameters (P,) of a camera that is about right, and the names that it gave to lines, by their index."""
 
@@ -215,7 +215,7 @@ class RoughCamera:
     names_by_line: dict[int, str] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@dataclass(frozen=True, slots=True, repr=False, eq=False)
 class CameraFit(ShortRepr):
     """Stage ``camera``: maximum a posteriori pinhole camera with its covariance.
 
