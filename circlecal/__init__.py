@@ -27,7 +27,8 @@ To files, and to other programs:
 
 Pixels count from the centre of the top-left one. Field points are metres from the centre mark: x to the right along the
 length, y towards the main camera, z down. :func:`calibrate_points` needs clicked points and no picture,
-:func:`calibrate_video` and :func:`track` go through videos, :func:`load` opens results.
+:func:`calibrate_video` and :func:`track` go through videos, :func:`load` opens results, :func:`export` writes several
+frames for another program.
 """
 
 from __future__ import annotations
@@ -50,6 +51,7 @@ __all__ = [
     "calibrate",
     "calibrate_points",
     "calibrate_video",
+    "export",
     "load",
     "load_config",
     "track",
@@ -64,6 +66,7 @@ if TYPE_CHECKING:
         calibrate,
         calibrate_points,
         calibrate_video,
+        export,
         load,
     )
     from circlecal.config import Config, load_config
@@ -78,7 +81,7 @@ _HOMES = {
     **dict.fromkeys(("CirclecalError", "ConfigError", "InputError", "MissingExtraError"), "circlecal.errors"),
     **dict.fromkeys(("Config", "load_config"), "circlecal.config"),
     **dict.fromkeys(("Calibration", "Run", "SurePoints", "ViewTransformer", "load"), "circlecal.api"),
-    **dict.fromkeys(("calibrate", "calibrate_points", "calibrate_video"), "circlecal.api"),
+    **dict.fromkeys(("calibrate", "calibrate_points", "calibrate_video", "export"), "circlecal.api"),
     "track": "circlecal.tracking.calls",
 }
 

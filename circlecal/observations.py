@@ -40,7 +40,7 @@ class MarkingKey:
         return cls(text) if edge is None else cls(name, edge)
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@dataclass(frozen=True, slots=True, repr=False, eq=False)
 class CirclePoints(ShortRepr):
     """Points on one edge, or on the centreline (``"center"``), of one circular marking.
 
@@ -67,7 +67,7 @@ class CirclePoints(ShortRepr):
         return MarkingKey(self.circle, self.edge)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class LineEnd:
     """Where the paint of a straight marking ends in the picture (2,), and whether another one is seen to cross it
     there.
@@ -77,7 +77,7 @@ class LineEnd:
     crossed: bool
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@dataclass(frozen=True, slots=True, repr=False, eq=False)
 class LinePoints(ShortRepr):
     """Points on the centreline of one straight marking.
 
@@ -99,7 +99,7 @@ class LinePoints(ShortRepr):
         return None if self.line is None else MarkingKey(self.line)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class MarkPoint:
     """A spot of the template, seen at one pixel (2,)."""
 
@@ -113,7 +113,7 @@ class MarkPoint:
         return MarkingKey(self.mark)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Keypoint:
     """A point of known field position (2,), e.g. from a detector or an annotation; ``shift`` (3, 2) is how it moves
     with the marking width, the length and the width of the field, metres per metre, None where it does not.
@@ -131,7 +131,7 @@ class Keypoint:
         return MarkingKey(self.name)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Observations:
     """Everything that was seen in one frame of ``width`` x ``height`` pixels.
 

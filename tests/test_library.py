@@ -1,5 +1,6 @@
 """What a user types on a result: every call answers, for calibrated and refused frames, and for results read back."""
 
+import copy
 import json
 import pickle
 from collections.abc import Sequence
@@ -14,6 +15,7 @@ from circlecal.camera.observed import points_from_observations
 from circlecal.config import config_names, load_config
 from circlecal.errors import ConfigError, InputError
 from circlecal.field import field_folder, load_field
+from circlecal.formats.registry import calibration_formats
 
 CENTRE_AND_RIM = np.array([[0.0, 0.0], [9.15, 0.0], [0.0, -9.15]])
 CALLS = {
@@ -160,6 +162,47 @@ def test_an_export_of_a_refused_frame_and_an_unknown_format(good, refused, tmp_p
         good.export("colmap", tmp_path)
 
 
+ONE_FILE = sorted(name for name, form in calibration_formats().items() if not form.per_frame)
+
+
+@pytest.mark.parametrize("form", ONE_FILE)
+def test_formats_of_one_file_hold_all_frames(good, refused, frame_image, tmp_path, form):
+    """A single frame replaces its own export alone; several are written at once."""
+    other = circlecal.calibrate(frame_image, id="day 1/other.v2")
+    file = tmp_path / calibration_formats()[form].file_name
+    assert other.export(form, tmp_path) == other.export(form, tmp_path) == [file]
+    one = file.read_bytes()
+    for frame in (good, refused):
+        with pytest.raises(
+            InputError, match=rf"{file.name}: holds other.v2.*circlecal.export\(frames, '{form}', folder"
+        ):
+            frame.export(form, tmp_path)
+    assert file.read_bytes() == one
+    assert circlecal.export([good, other, refused], form, tmp_path) == [file]
+    held = calibration_formats()[form].read(file, file.read_bytes(), good.size)
+    assert {good.id, "other.v2"} <= {frame.id for frame in held}
+    file.write_bytes(b"notes of somebody")
+    with pytest.raises(InputError, match=f"{file.name}: is there already and is no {form} file; choose another folder"):
+        good.export(form, tmp_path)
+
+
+def test_a_refused_frame_takes_its_own_camera_away(good, refused, tmp_path):
+    again = copy.copy(refused)
+    again._record = refused._record.model_copy(update={"id": good.id})
+    file = good.export("tvcalib", tmp_path)[0]
+    assert again.export("tvcalib", tmp_path) == [] and not file.exists()
+
+
+def test_exports_of_several_frames_need_ids(good, frame_image, tmp_path):
+    twin = circlecal.calibrate(frame_image, id=good.id.upper())
+    with pytest.raises(InputError, match=rf"^{twin.id}: two frames have this id; .*calibrate\(image, id=\.\.\.\)"):
+        circlecal.export([good, twin], "soccernet", tmp_path)
+    with pytest.raises(InputError, match=r"^format colmap"):
+        circlecal.export([good], "colmap", tmp_path)
+    written = circlecal.export((frame for frame in [good]), "soccernet", tmp_path / "new")
+    assert [path.name for path in written] == [f"camera_{good.id}.json"]
+
+
 def test_intermediates_print_short(good):
     for found in (good.attempt, good.attempt.ellipses.primary, good.attempt.correspondences, good.view):
         assert len(repr(found)) < 2500
@@ -219,7 +262,7 @@ def test_a_map_of_points_of_another_shape(good, points):
         good.transformer().transform_points(points)
 
 
-@pytest.mark.parametrize("size", [(0, 7000), (-1, 1), (1, 2, 3)])
+@pytest.mark.parametrize("size", [(0, 7000), (-1, 1), (1, 2, 3), (np.inf, 68), (np.nan, 68), (105, "a"), "105"])
 def test_a_map_without_a_size(good, size):
     with pytest.raises(ValueError, match="both positive"):
         good.transformer(size)
@@ -228,6 +271,14 @@ def test_a_map_without_a_size(good, size):
 def test_arguments_of_another_kind(frame_image):
     with pytest.raises(TypeError, match="an array or a path, not NoneType"):
         circlecal.calibrate(None)
+    with pytest.raises(TypeError, match=r"^mask must be an array or a path, not list$"):
+        circlecal.calibrate(frame_image, mask=[[0, 1]])
+    with pytest.raises(TypeError, match=r"^path must be that of a video, not ndarray$"):
+        circlecal.calibrate_video(frame_image)
+    with pytest.raises(TypeError, match=r"^id must be a text, not 7; give str\(7\)$"):
+        circlecal.calibrate(frame_image, id=7)
+    with pytest.raises(TypeError, match=r"^id must be a text, not 7; give str\(7\)$"):
+        circlecal.calibrate_points(size=(960, 540), keypoints={"centre_mark": [480, 270]}, id=7)
     with pytest.raises(TypeError, match="config takes a Config, a name or a file"):
         circlecal.calibrate(frame_image, {"camera": {}})
     with pytest.raises(TypeError, match="set takes a mapping"):
@@ -300,6 +351,24 @@ def test_html_escapes_names(frame_image):
     assert "<script>" not in circlecal.calibrate(frame_image, id="<script>&")._repr_html_()
 
 
+@pytest.mark.parametrize("is_loaded", [False, True])
+def test_nobody_changes_a_result_by_its_arrays(good, tmp_path, is_loaded):
+    frame = circlecal.load(good.save(tmp_path)) if is_loaded else good
+    fit = frame.attempt.camera
+    held = (
+        frame.position_m, frame.camera.kappa, frame.camera.focal_px, frame.camera.angles_rad, frame.region.covariance,
+        frame.camera.principal_point_px, fit.theta, fit.covariance, fit.H_image_field, fit.imaged_center_px,
+    )  # fmt: skip
+    for values in held:
+        with pytest.raises(ValueError, match="read-only"):
+            values += 1.0
+    before = frame.to_image([9.15, 0.0])
+    for own in (frame.K, frame.R, frame.t, frame.H_image_field, frame.H_field_image):
+        own += 1.0
+    assert np.array_equal(frame.to_image([9.15, 0.0]), before)
+    assert not np.array_equal(frame.K, frame.K + 1.0) and np.array_equal(frame.K, good.K)
+
+
 def test_equal_by_content_and_not_by_time(frame_image, good):
     again = circlecal.calibrate(frame_image, id="good")
     assert again == good and hash(again) == hash(good)
@@ -315,6 +384,57 @@ def test_a_picture_in_a_file_is_read_again(frame_file):
     assert calibration.top_view(px_per_m=4).shape[1] < calibration.top_view().shape[1]
     frame_file.unlink()
     assert calibration.image is None
+
+
+class _Path:
+    """A path of somebody else's class."""
+
+    def __init__(self, path):
+        self._path = path
+
+    def __fspath__(self):
+        return str(self._path)
+
+
+def test_paths_of_other_classes_are_paths(frame_file, good):
+    found = circlecal.calibrate(_Path(frame_file))
+    assert found == circlecal.calibrate(frame_file) and found.source == str(frame_file)
+    drawn = found.overlay()
+    for path in (frame_file, str(frame_file), _Path(frame_file)):
+        assert np.array_equal(found.overlay(path), drawn)
+        assert np.array_equal(found.top_view(path), found.top_view())
+    with pytest.raises(InputError, match="nowhere"):
+        good.overlay("nowhere.jpg")
+    with pytest.raises(TypeError, match=r"^image must be an array or a path, not list$"):
+        good.overlay([1])
+
+
+def test_points_without_a_name_are_called_points(tmp_path):
+    found = circlecal.calibrate_points(size=(960, 540), keypoints={"centre_mark": [480, 270]}, id=None)
+    assert found.id == "points" and circlecal.load(found.save(tmp_path)) == found
+
+
+def test_what_a_masked_array_hides_is_nowhere(good):
+    pixels = np.ma.masked_array([[480, 270], [300, 300]], mask=[[False, False], [True, True]])
+    for answer in (good.to_field(pixels), good.transformer().transform_points(pixels)):
+        assert np.isfinite(answer[0]).all() and np.isnan(answer[1]).all()
+    hidden = np.ma.masked_array([[0.0, 0.0], [9.15, 0.0]], mask=[[False, False], [True, False]])
+    assert np.isfinite(good.to_image(hidden)).all(axis=1).tolist() == [True, False]
+
+
+def test_parts_of_a_result_are_themselves_and_can_be_kept_in_sets(good, frame_image):
+    other = circlecal.calibrate(frame_image, id="good")
+    for part in ("camera", "view", "attempt", "found", "region"):
+        mine = getattr(good, part)
+        assert getattr(other, part) != mine and mine in {mine}
+
+
+def test_a_template_of_soccer_holds_no_rink(frame_image, tmp_path):
+    given = circlecal.calibrate_points(size=(960, 540), keypoints={"centre_mark": [480, 270]}, field="ice-hockey")
+    with pytest.raises(InputError, match="soccer pitch; the field 'ice-hockey' has no side_line_right"):
+        given.export("worldcup", tmp_path)
+    with pytest.raises(InputError, match="soccer pitch; the field 'ice-hockey' has no side_line_right"):
+        circlecal.export([given], "worldcup", tmp_path)
 
 
 def test_a_picture_of_another_size_is_refused(good):
@@ -385,6 +505,11 @@ def test_calibrate_points(frame_camera):
         ({"keypoints": {"centre_mark": "here"}}, "centre_mark"),
         ({"keypoints": {(0.0, 0.0, 0.0): [1, 2]}}, "point .x, y. of the field"),
         ({"keypoints": {(float("nan"), 0.0): [1, 2]}}, "point of the field that is not finite"),
+        (
+            {"keypoints": {(500.0, 0.0): [1, 2]}},
+            r"^\(500.0, 0.0\): lies more than 3 lengths of the field \(105 m\) from",
+        ),
+        ({"keypoints": {(9.15, 0.0): [1e9, 2]}}, r"^\(9.15, 0.0\): its pixel lies more than 20 pictures away$"),
         ({"sigma_px": -1.0}, "sigma_px"),
         ({"sigma_px": float("nan")}, "sigma_px"),
         ({"convention": "pain"}, "neither 'official' nor 'paint'"),
@@ -449,6 +574,60 @@ def test_keypoints_go_with_the_markings_that_they_are_of():
     for point, shift in zip(sorted(points, key=lambda p: p.point_px[0]), names.values(), strict=True):
         assert (point.shift is None) if shift is None else np.array_equal(point.shift, shift)
     assert np.any(points_from_observations(found.attempt.observations, field).shift != 0.0)
+
+
+CLICKS = {
+    "size": (1280, 720),
+    "circle": [[961, 412], [834, 466], [603, 474], [410, 400], [452, 362], [616, 330], [716, 328], [909, 357]],
+    "lines": {"halfway_line": [[731, 262], [648, 501]], "side_line_top": [[538, 208], [955, 213], [1114, 214]]},
+    "convention": "paint",
+}
+"""Points that somebody clicked in a picture whose centre mark is at (685, 391)."""
+
+
+@pytest.mark.parametrize("place", [(52.5, 0.0), (300.0, 0.0), (0.0, -34.0), (-30.0, 60.0)])
+def test_one_wrong_keypoint_among_clicks_is_left_out(place):
+    """A lens that folds back would put any point of the field at any pixel, and a point far away passes at first."""
+    right = circlecal.calibrate_points(**CLICKS)
+    found = circlecal.calibrate_points(**CLICKS, keypoints={place: (685, 391)})
+    assert [str(key) for key in found.attempt.camera.left_out] == [f"({place[0]:g}, {place[1]:g}) m"]
+    assert np.linalg.norm(found.position_m - right.position_m) < 0.05
+    assert found.sigma_px == pytest.approx(right.sigma_px, rel=0.01)
+
+
+def test_a_line_under_a_wrong_name_that_the_last_fit_misses_is_left_out():
+    """The far touchline under the name of a goal line, which bends the camera, and grows its own noise."""
+    circle = [[727, 378], [187, 352], [754, 364], [200, 333], [247, 313], [199, 335], [612, 402], [346, 292],
+              [435, 413], [748, 318], [298, 299], [686, 299]]  # fmt: skip
+    halfway = [[459, 367], [555, 258], [508, 310], [482, 343], [547, 268]]
+    touchline = [[1164, 182], [1039, 179], [841, 178], [395, 169], [937, 179], [1201, 182], [963, 179], [989, 178],
+                 [280, 166], [819, 178], [969, 180], [1062, 182]]  # fmt: skip
+    lines = {"halfway_line": halfway, "side_line_left": touchline}
+    options = {"camera.crown_shape": "flat"}
+    found = circlecal.calibrate_points(size=(1280, 720), circle=circle, lines=lines, sigma_px=1.0, set=options)
+    assert [str(key) for key in found.attempt.camera.left_out] == ["side_line_left"]
+
+
+def test_good_keypoints_stay_beside_a_wrong_one_that_bends_the_camera():
+    given = {
+        (0, 0): (551, 373), (0, 9.15): (605, 408), (0, -9.15): (507, 343), (9.15, 0): (742, 361),
+        (-9.15, 0): (343, 382), (0, -34): (430, 288), (0, 34): (881, 593), (6.47, 6.47): (738, 387),
+        (-6.47, -6.47): (385, 355), (6.47, -6.47): (647, 345), (36, -20.16): (724, 242),
+    }  # fmt: skip
+    options = {"camera.crown_shape": "flat"}
+    found = circlecal.calibrate_points(size=(1280, 720), keypoints=given, sigma_px=1.0, set=options)
+    assert found.ok and [str(key) for key in found.attempt.camera.left_out] == ["(36, -20.16) m"]
+
+
+def test_residuals_of_keypoints_are_those_of_the_camera():
+    rim = circlecal.calibrate_points(**CLICKS).to_image((9.15, 0.0)) + 1.0
+    given = {(0.0, 0.0): (687, 391), (52.5, 0.0): (685, 391), (9.15, 0.0): rim}
+    found = circlecal.calibrate_points(**CLICKS, keypoints=given)
+    seen = {f"({x:g}, {y:g}) m": np.linalg.norm(found.to_image((x, y)) - pixel) for (x, y), pixel in given.items()}
+    residuals = {str(key): px for key, px in found.attempt.camera.all_residuals_px.items() if str(key) in seen}
+    assert len(residuals) == 2
+    for name, px in residuals.items():
+        assert px == pytest.approx(seen[name], abs=0.05)
 
 
 def test_a_result_is_saved_in_a_folder_whatever_its_name(tmp_path):

@@ -2,6 +2,7 @@
 
 from circlecal.api.calibration import Calibration, SurePoints
 from circlecal.api.calls import calibrate, calibrate_points, calibrate_video
+from circlecal.api.exports import export
 from circlecal.api.run import Run, load
 from circlecal.api.transformer import ViewTransformer
 
@@ -13,5 +14,6 @@ __all__ = [
     "calibrate",
     "calibrate_points",
     "calibrate_video",
+    "export",
     "load",
 ]

@@ -14,16 +14,17 @@ from numpy.typing import NDArray
 
 from circlecal import overlay
 from circlecal.api.notebook import show_record
-from circlecal.api.transformer import ViewTransformer
+from circlecal.api.transformer import ViewTransformer, as_points
 from circlecal.errors import ConfigError, InputError
 from circlecal.field import FieldTemplate, field_names, load_field
 from circlecal.field.view import FieldView
-from circlecal.files import exists, is_folder
-from circlecal.formats.exports import Exports
+from circlecal.files import exists, is_folder, read_file, remove_file
+from circlecal.formats.exports import Exports, require_field
+from circlecal.formats.format import MAX_BYTES, AnnotationFormat, CameraFormat
 from circlecal.formats.registry import calibration_formats, require_format
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.projective import Array, PointsLike
-from circlecal.names import as_stem
+from circlecal.names import as_stem, picture_name, show
 from circlecal.pictures.files import as_bgr, read_image
 from circlecal.pictures.video import pictures_at
 from circlecal.records.json_text import to_mapping, write_result
@@ -211,7 +212,7 @@ class Calibration:
         Parameters
         ----------
         points_px : (..., 2) array
-            Pixels of the picture.
+            Pixels of the picture; those that a masked array hides are nowhere, nan.
         sigma : bool
             Whether to return their standard deviations too.
 
@@ -405,12 +406,12 @@ class Calibration:
 
     # --- pictures, files
 
-    def overlay(self, image: NDArray[Any] | None = None) -> Picture:
+    def overlay(self, image: NDArray[Any] | str | Path | None = None) -> Picture:
         """Draw the field template and the verdict over the picture.
 
         Parameters
         ----------
-        image : array, optional
+        image : array or path, optional
             The picture, as :func:`circlecal.calibrate` takes it; the frame's own when None.
 
         Returns
@@ -421,18 +422,20 @@ class Calibration:
         Raises
         ------
         InputError
-            There is no picture, or one of another size.
+            There is no picture, one that cannot be read, or one of another size.
+        TypeError
+            The picture is neither an array nor a path.
         ConfigError
             As for :attr:`field`.
         """
         return overlay.draw_overlay(self._picture(image), self.found, self.field)
 
-    def top_view(self, image: NDArray[Any] | None = None, px_per_m: float = 10.0) -> Picture | None:
+    def top_view(self, image: NDArray[Any] | str | Path | None = None, px_per_m: float = 10.0) -> Picture | None:
         """The picture as it would be seen from straight above, with the template drawn over it.
 
         Parameters
         ----------
-        image : array, optional
+        image : array or path, optional
             The picture, as :func:`circlecal.calibrate` takes it; the frame's own when None.
         px_per_m : float
             Resolution.
@@ -445,14 +448,23 @@ class Calibration:
         Raises
         ------
         InputError
-            There is no picture, or one of another size.
+            There is no picture, one that cannot be read, or one of another size.
+        TypeError
+            The picture is neither an array nor a path.
         ConfigError
             As for :attr:`field`.
         """
         return overlay.draw_radar(self._picture(image), self.found, self.field, px_per_m) if self.ok else None
 
-    def _picture(self, image: NDArray[Any] | None) -> Picture:
-        picture = self.image if image is None else as_bgr(image, "image")
+    def _picture(self, image: NDArray[Any] | str | Path | None) -> Picture:
+        if image is None:
+            picture = self.image
+        elif isinstance(image, np.ndarray):
+            picture = as_bgr(image, "image")
+        elif isinstance(image, str | os.PathLike):
+            picture = read_image(os.fspath(image))
+        else:
+            raise TypeError(f"image must be an array or a path, not {type(image).__name__}")
         if picture is None:
             raise InputError(f"{self.id}: its picture is not at hand; give it: overlay(image), top_view(image)")
         if picture.shape[1::-1] != self.size:
@@ -492,6 +504,8 @@ class Calibration:
     def export(self, format: str, folder: str | Path, size: tuple[int, int] | None = None) -> list[Path]:
         """Write the calibration for another program, as ``circlecal calibrate --to`` does.
 
+        Several frames go into a format of one file for all frames, such as ``"coco"``, by :func:`circlecal.export`.
+
         Parameters
         ----------
         format : str
@@ -504,22 +518,49 @@ class Calibration:
         Returns
         -------
         list of path
-            The files; none of a refused frame in a format of cameras.
+            The files; none of a refused frame in a format of cameras, where what an earlier call wrote of it is gone.
 
         Raises
         ------
         InputError
-            An unknown format, or a file that cannot be written.
+            An unknown format or one that cannot say this field, a file for all frames that holds another one, or a file
+            that cannot be written.
         ConfigError
             As for :attr:`field`.
         """
         require_format(format, calibration_formats(), "format", "format that can be written")
-        exports = Exports([format], Path(folder), size)
-        named = None if self._record.field is None else self._record.field.circle
-        circle = self.field.circle_by_name[named or self.field.default_circle]
-        exports.add(self._record, self.field, circle, None if self.source is None else Path(self.source).name)
+        require_field([format], self.field)
+        exports, form = Exports([format], Path(folder), size), calibration_formats()[format]
+        if not form.per_frame:
+            file = Path(folder) / form.file_name
+            _require_own(file, form, {self.id, Path(self._picture_name or self.id).stem}, self.size)
+            if isinstance(form, CameraFormat) and not self.ok:
+                remove_file(file)
+                return []
+        self.add_to(exports)
         exports.finish()
         return exports.written
+
+    def add_to(self, exports: Exports) -> None:
+        """Take this frame into what is written of several for other programs, as :func:`circlecal.export` does.
+
+        Raises
+        ------
+        InputError
+            A file cannot be written.
+        ConfigError
+            As for :attr:`field`.
+        """
+        named = None if self._record.field is None else self._record.field.circle
+        circle = self.field.circle_by_name[named or self.field.default_circle]
+        exports.add(self._record, self.field, circle, self._picture_name)
+
+    @property
+    def _picture_name(self) -> str | None:
+        """Name of the picture for other programs; one of a video is named by its frame."""
+        if self.source is None:
+            return None
+        return picture_name(self.id, self.source) if self.time_s is None else f"{self.id}.jpg"
 
     # --- as a value
 
@@ -558,6 +599,30 @@ class Calibration:
         return show_record(self._record, drawn)
 
 
+def _require_own(
+    file: Path, form: AnnotationFormat | CameraFormat, own: set[str], size: tuple[int, int] | None
+) -> None:
+    """See that a file for all frames is missing, or holds no frame but one that has the names ``own``.
+
+    Raises
+    ------
+    InputError
+        It holds others, or something else.
+    """
+    if not exists(file):
+        return
+    try:
+        held = {frame.id for frame in form.read(file, read_file(file, MAX_BYTES, "choose another folder"), size)}
+    except InputError as error:
+        raise InputError(f"{file}: is there already and is no {form.name} file; choose another folder") from error
+    others = sorted(held - own - {Path(name).name for name in own})
+    if others:
+        raise InputError(
+            f"{file}: holds {show(others[0])}, which would be lost; write all frames at once: "
+            f"circlecal.export(frames, {form.name!r}, folder)"
+        )
+
+
 def _is_meant_as_folder(path: str | Path) -> bool:
     """Whether a path is one of a folder, which need not exist: it ends in a slash, or in anything but ``.json``."""
     file = Path(path)
@@ -567,7 +632,7 @@ def _is_meant_as_folder(path: str | Path) -> bool:
 
 
 def _points(points: PointsLike, entries: tuple[int, ...] = (2,)) -> Array:
-    given = np.asarray(points, dtype=np.float64)
+    given = as_points(points)
     given = given.reshape(0, 2) if given.shape == (0,) else given  # a frame without players
     if given.ndim == 0 or given.shape[-1] not in entries:
         allowed = " or ".join(f"(..., {n})" for n in entries)

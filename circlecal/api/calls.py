@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from os import PathLike
+from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, get_args
 
@@ -21,7 +21,7 @@ from circlecal.files import is_file
 from circlecal.formats.annotation import Annotation
 from circlecal.formats.cameras import as_size
 from circlecal.formats.inputs import observations_beside, observe_network
-from circlecal.formats.meaning import NO_MARKING, REFERENCE_WIDTH_PX, names_a_point, observe
+from circlecal.formats.meaning import NO_MARKING, REACH, REFERENCE_WIDTH_PX, names_a_point, observe
 from circlecal.formats.shapes import AnnotatedFrame, Shape
 from circlecal.geometry.projective import PointsLike
 from circlecal.observations import Keypoint, Observations, join_observations
@@ -40,6 +40,11 @@ Settings = Mapping[str, Any]
 
 CLICKED_SIGMA_PX = 1.5
 """Standard deviation of points that people click, pixels at 1920 px width; as for annotation files."""
+
+FARTHEST_LENGTHS = 3
+"""Of a point of the field from the field's middle, in lengths of the field: what lies further away is in another unit,
+or damaged.
+"""
 
 _OF_CV2 = "; cv2.imread returns None where it cannot read the file"
 _log = logging.getLogger(__name__)
@@ -77,7 +82,7 @@ def calibrate(
         annotations or keypoints. They count as points on the middle of the paint (the convention ``"paint"`` there),
         which the picture itself shows; points at the sizes of the rules are for :func:`calibrate_points` alone.
     id : str, optional
-        Name of the frame, which changes no answer. The file's stem, or ``"image"``.
+        Name of the frame, which changes no answer. The file's stem, or ``"image"``, when None.
 
     Returns
     -------
@@ -94,16 +99,19 @@ def calibrate(
         The configuration names a network, and the package that runs it is not installed.
     TypeError
         The picture is neither an array nor a path, as the None of ``cv2.imread`` for a file that it cannot read; or a
-        configuration or settings of another kind.
+        mask, a name, a configuration or settings of another kind.
     """
     chosen = configure(config, field, set)
-    if not isinstance(image, np.ndarray | str | Path):
+    if not isinstance(image, np.ndarray | str | PathLike):
         raise TypeError(f"image must be an array or a path, not {type(image).__name__}{_OF_CV2 * (image is None)}")
-    source = None if isinstance(image, np.ndarray) else str(image)
+    if mask is not None and not isinstance(mask, np.ndarray | str | PathLike):
+        raise TypeError(f"mask must be an array or a path, not {type(mask).__name__}")
+    image = image if isinstance(image, np.ndarray) else fspath(image)
+    source = None if isinstance(image, np.ndarray) else image
     if source is not None and is_file(Path(source)) and is_video(Path(source)):
         raise InputError(f"{source}: is a video; circlecal.calibrate_video takes it")
     picture = as_bgr(image, "image") if isinstance(image, np.ndarray) else read_image(image)
-    name = id or ("image" if source is None else Path(source).stem)
+    name = _name_frame(id, "image" if source is None else Path(source).stem)
     height, width = picture.shape[:2]
     template, _ = field_of(chosen)
     if points is None:
@@ -272,7 +280,7 @@ def calibrate_points(
     config: Config | str | Path | None = None,
     field: str | Path | None = None,
     set: Settings | None = None,
-    id: str = "points",
+    id: str | None = None,
 ) -> Calibration:
     """Calibrate the camera from points that somebody clicked or detected, without a picture.
 
@@ -296,8 +304,8 @@ def calibrate_points(
         of the two costs about 0.1 m.
     config, field, set : optional
         As for :func:`calibrate`.
-    id : str
-        Name of the frame.
+    id : str, optional
+        Name of the frame; ``"points"`` when None.
 
     Returns
     -------
@@ -310,9 +318,10 @@ def calibrate_points(
         A name that the field does not have or that two arguments have, something that is no point, several pixels of
         one point, or a picture without a width or height.
     ConfigError, TypeError
-        As for :func:`calibrate`, of the configuration.
+        As for :func:`calibrate`, of the configuration and the name.
     """
     chosen = configure(config, field, set)
+    name = _name_frame(id, "points")
     if convention not in get_args(Convention):
         raise InputError(f"convention: {convention!r} is neither {' nor '.join(map(repr, get_args(Convention)))}")
     template, seen = field_of(chosen)
@@ -320,8 +329,21 @@ def calibrate_points(
     given = _join_points(circle=circles, lines=lines, keypoints=keypoints)
     template = apply_convention(template, convention)
     observations = observe_points(given, template, chosen, size, sigma_px)
-    found = run_observations(observations, chosen, frame_id=id, convention=convention)
+    found = run_observations(observations, chosen, frame_id=name, convention=convention)
     return Calibration(result_record(found, template), template, found=found)
+
+
+def _name_frame(given: str | None, usual: str) -> str:
+    """Name of a frame that a caller gave or not.
+
+    Raises
+    ------
+    TypeError
+        It is no text: results are found by it when they are read back.
+    """
+    if given is not None and not isinstance(given, str):
+        raise TypeError(f"id must be a text, not {given!r}; give str({given!r})")
+    return given or usual
 
 
 def _join_points(**arguments: Points | None) -> Points:
@@ -380,7 +402,7 @@ def calibrate_video(
     InputError
         The file is missing, is a picture, or no video; or a time that is none.
     ConfigError, MissingExtraError, TypeError
-        As for :func:`calibrate`.
+        As for :func:`calibrate`; a path that is none.
     """
     chosen = configure(config, field, set)
     template, _ = field_of(chosen)
@@ -396,7 +418,11 @@ def open_video(path: str | Path, config: Config) -> Video:
     ------
     InputError
         It cannot be read, or is a picture.
+    TypeError
+        It is no path.
     """
+    if not isinstance(path, str | PathLike):
+        raise TypeError(f"path must be that of a video, not {type(path).__name__}")
     file = Path(path)
     if file.suffix.lower() in PICTURE_SUFFIXES:
         raise InputError(f"{path}: is a picture; circlecal.calibrate takes it")
@@ -484,9 +510,11 @@ def observe_points(
                 raise InputError(f"{place}: is one point of the field, and {len(pixels)} pixels are given; give one")
             shapes.append(Shape(place, "points", pixels))
         else:
-            x, y = _field_point(place)
+            x, y = _field_point(place, template)
             if len(pixels) > 1:
                 raise InputError(f"{place}: is one point of the field, and {len(pixels)} pixels are given; give one")
+            if np.abs(pixels).max(initial=0.0) > REACH * max(width, height):
+                raise InputError(f"{place}: its pixel lies more than {REACH} pictures away")
             keypoints += [Keypoint(f"({x:.10g}, {y:.10g}) m", np.array([x, y]), pixel, sigma) for pixel in pixels]
     sources = config.sources.model_copy(update={"sigma_px": {"points": sigma * REFERENCE_WIDTH_PX / width}})
     observed = observe(AnnotatedFrame("points", width, height, tuple(shapes)), template, sources, "points", "points")
@@ -497,12 +525,23 @@ def observe_points(
     return join_observations(observed.observations, Observations(width, height, keypoints=tuple(keypoints)))
 
 
-def _field_point(place: Any) -> tuple[float, float]:
-    """A point of the field, metres, of somebody's own mapping."""
+def _field_point(place: Any, template: FieldTemplate) -> tuple[float, float]:
+    """A point of the field, metres, of somebody's own mapping.
+
+    Raises
+    ------
+    InputError
+        It is no point, or lies nowhere near the field.
+    """
     try:
         x, y = (float(value) for value in place)
     except (TypeError, ValueError) as error:
         raise InputError(f"{place}: is neither a name nor a point (x, y) of the field in metres") from error
     if not np.isfinite([x, y]).all():
         raise InputError(f"{place}: is a point of the field that is not finite")
+    if np.hypot(x, y) > FARTHEST_LENGTHS * template.length_m:
+        raise InputError(
+            f"{place}: lies more than {FARTHEST_LENGTHS} lengths of the field ({template.length_m:.10g} m) from its "
+            "middle; field points are in metres"
+        )
     return x, y

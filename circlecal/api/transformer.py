@@ -9,6 +9,13 @@ from circlecal.field.view import FieldView
 from circlecal.geometry.projective import Array, PointsLike
 
 
+def as_points(given: PointsLike) -> Array:
+    """Points as an array of numbers; nan where a masked array hides them."""
+    if isinstance(given, np.ma.MaskedArray):
+        return np.asarray(np.ma.filled(given.astype(np.float64), np.nan))
+    return np.asarray(given, dtype=np.float64)
+
+
 class ViewTransformer:
     """Pixels to places on a map of the field; stands in for a transformer made of four points and a homography.
 
@@ -34,7 +41,7 @@ class ViewTransformer:
     def __init__(
         self, view: FieldView | None, template: FieldTemplate | None, size: tuple[float, float] | None = None
     ) -> None:
-        if size is not None and not (np.asarray(size).shape == (2,) and np.all(np.asarray(size) > 0)):
+        if size is not None and not _is_size(size):
             raise ValueError(f"size must be the length and width of a map, both positive, not {size}")
         self._view = view
         self._scale, self._origin_m = np.ones(2), np.zeros(2)
@@ -50,9 +57,18 @@ class ViewTransformer:
         ValueError
             The last axis does not hold the column and the row of each pixel.
         """
-        pixels = np.asarray(points, dtype=np.float64)
+        pixels = as_points(points)
         if pixels.size and pixels.shape[-1:] != (2,):
             raise ValueError(f"pixels must be (N, 2), not of shape {pixels.shape}")
         pixels = pixels.reshape(-1, 2)
         field = np.full(pixels.shape, np.nan) if self._view is None else self._view.to_field(pixels)
         return np.asarray((field - self._origin_m) * self._scale)
+
+
+def _is_size(given: object) -> bool:
+    """Whether a caller gave two finite numbers above 0."""
+    try:
+        sides = np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        return False
+    return sides.shape == (2,) and bool((np.isfinite(sides) & (sides > 0.0)).all())

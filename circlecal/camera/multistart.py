@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -39,6 +40,10 @@ STRANGE = 0.5
 """Share of the loss's scale, standard deviations, from which on a point asks for another optimum: three of them, which
 few right clicks exceed. Of 293 clicks on real frames that were moved by 30 px 8 bent the camera by 20 px and 3 sigma
 without that, 4 with it.
+"""
+SEVERAL, MOST_POINTS = 2, 40
+"""Outliers among points of known field position from which on each of these is left out in turn: a single one is the
+wrong one itself. And up to how many points there is the time for it.
 """
 RIM_RADII = np.array([[2.0, 0.0], [-2.0, 0.0], [0.0, -2.0]])
 """Where that is asked, in radii about the middle of what was seen: to both sides and on the far one."""
@@ -111,19 +116,31 @@ def leave_local_optimum(problem: Problem, state: State, config: CameraConfig, si
     config, side : CameraConfig, str
         As for :func:`find_optima`.
     """
-    curves, rule = problem.curves, replace(COARSE, iterations=config.iterations)
-    is_outlier = np.abs(state.values[0, : len(curves.group)]) > STRANGE * problem.loss_scale
-    for key in dict.fromkeys(curves.keys[group] for group in np.unique(curves.group[is_outlier])):
-        is_other = np.array([other != key for other in curves.keys])
-        others = replace(problem, curves=curves.select(np.flatnonzero(is_other[curves.group])))
+    rule = replace(COARSE, iterations=config.iterations)
+    for others in _leave_out_each(problem, state):
         try:
             start = _follow(others, state.theta[:1], config, side).theta[:1]
         except EstimationError:
             continue
-        again = minimise(problem, start, rule, ground_feet(curves, start, problem.model))
+        again = minimise(problem, start, rule, ground_feet(problem.curves, start, problem.model))
         if again.cost[0] < state.cost[0] - BETTER:
             state = again
     return state
+
+
+def _leave_out_each(problem: Problem, state: State) -> Iterator[Problem]:
+    """The problem without each marking that has an outlier; and where several points of known field position are
+    outliers, without each of these points: the wrong one may be the one that the camera passes through.
+    """
+    curves, points = problem.curves, problem.points
+    is_outlier = np.abs(state.values[0]) > STRANGE * problem.loss_scale
+    on_curves, at_points = is_outlier[: len(curves.group)], is_outlier[len(curves.group) :].reshape(-1, 2).any(axis=1)
+    for key in dict.fromkeys(curves.keys[group] for group in np.unique(curves.group[on_curves])):
+        is_other = np.array([other != key for other in curves.keys])
+        yield replace(problem, curves=curves.select(np.flatnonzero(is_other[curves.group])))
+    if at_points.sum() >= SEVERAL and len(at_points) <= MOST_POINTS:
+        for own in np.eye(len(at_points), dtype=np.bool_):
+            yield replace(problem, points=points.select(~own))
 
 
 def _follow(problem: Problem, starts: Array, config: CameraConfig, side: str) -> State:
@@ -174,7 +191,8 @@ def _screen(problem: Problem, grid: Array, count: int) -> Array:
     seen = curve_residuals(few, candidates, feet, problem.model, 0, problem.points)
     on_curves = np.abs(seen.values[:, : feet.shape[1]]) * few.sigma_px
     offsets = seen.values[:, feet.shape[1] :].reshape(len(candidates), -1, 2) * problem.points.sigma_px[:, None]
-    distance = np.concatenate([on_curves, np.linalg.norm(offsets, axis=-1)], axis=1)
+    beside = np.where(seen.behind[:, feet.shape[1] :: 2], np.inf, np.linalg.norm(offsets, axis=-1))
+    distance = np.concatenate([on_curves, beside], axis=1)
     penalty = np.sum(problem.priors.residuals(candidates)[0] ** 2, axis=1)
     mean_px = np.minimum(distance, SCREENING_CAP_PX).sum(axis=1) / max(distance.shape[1], 1)
     score = mean_px + PENALTY_PX * penalty

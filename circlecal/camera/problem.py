@@ -43,7 +43,7 @@ LARGEST_STEP = 0.7
 LOG_FOCAL_RANGE = (np.log(10.0), np.log(1e6))
 """Of the focal length in pixels: nothing outside is a camera."""
 BEHIND = 1e3
-"""Residual, standard deviations, of a point whose marking lies behind the camera: more than any loss looks at."""
+"""Residual, standard deviations, of a point whose place the camera does not show: more than any loss looks at."""
 HARDLY_ZOOMED, HARDLY_ROBUST = 0.04, 1.0
 """A linear model foretells the optimum of a camera whose focal length changes by less than this (logarithm) on the way,
 where the loss there differs by no more (chi-square) from what the step promises. In 882 fits to real and rendered
@@ -204,7 +204,10 @@ def _solve_both(block: Array, slope: Array, damping: Array) -> tuple[Array, Arra
 def evaluate(problem: Problem, theta: Array, feet: Array, updates: int = 0) -> State:
     """Cost, gradient and Gauss-Newton matrix of each start (B, P), the feet (B, N) moved ``updates`` times before."""
     seen = curve_residuals(problem.curves, theta, feet, problem.model, updates, problem.points)
-    seen.values[:, : feet.shape[1]][seen.behind] = BEHIND
+    if seen.behind.any():
+        seen.values[seen.behind] = BEHIND
+        # a fixed point that is not shown tells nothing of the camera: from there pixels run the wrong way
+        seen.jacobian[:, feet.shape[1] :][seen.behind[:, feet.shape[1] :]] = 0.0
     return apply_loss(problem, theta, seen.feet, seen.values, seen.jacobian, *problem.priors.residuals(theta))
 
 

@@ -298,9 +298,12 @@ def _points_on_markings(
 
 @dataclass(frozen=True, slots=True)
 class Residuals:
-    """Normalised residuals (B, N + 2 M), their Jacobian (B, N + 2 M, P), the foot parameters (B, N), which curve
-    points are behind the camera (B, N), and how the residuals change per metre by which a marking lies elsewhere
+    """Normalised residuals (B, N + 2 M), their Jacobian (B, N + 2 M, P), the foot parameters (B, N), which of them are
+    of places that are not seen (B, N + 2 M), and how the residuals change per metre by which a marking lies elsewhere
     (B, 2, N + 2 M).
+
+    Not seen is what lies behind the camera, and a fixed point where the lens folds back: feet move along their marking
+    and come back from there.
     """
 
     values: Array
@@ -425,4 +428,7 @@ def curve_residuals(
         rows[:, SIZES[0], count:], rows[:, SIZES[1] : SIZES[2] + 1, count:] = by_size[:, 0], by_size[:, 1:]
     outside = field_x[:, 0] * outward[:, 0] + field_y[:, 0] * outward[:, 1]
     rows[:, SIZES[0], :count] += curves.radius_by_width * outside
-    return Residuals(values, rows.swapaxes(1, 2), feet, seen.depth[:, :count] < NEAREST_M, field)
+    behind = seen.depth < NEAREST_M
+    if len(points.sigma_px):
+        behind[:, count:] = ~seen.visible[:, count:]
+    return Residuals(values, rows.swapaxes(1, 2), feet, behind, field)

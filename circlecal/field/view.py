@@ -34,7 +34,7 @@ class Projected(NamedTuple):
     sigma: Array | None
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@dataclass(frozen=True, slots=True, repr=False, eq=False)
 class FieldView(ShortRepr):
     """A field before a camera.
 

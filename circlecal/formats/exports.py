@@ -48,7 +48,7 @@ def require_field(targets: Sequence[str], template: FieldTemplate) -> None:
         A format of ``targets`` takes no such field.
     """
     for name in targets:
-        found = annotation_formats().get(name)
+        found = calibration_formats().get(name)
         if found is not None and found.requires is not None:
             found.requires(template)
 

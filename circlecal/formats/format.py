@@ -181,12 +181,15 @@ class CameraFormat(OutsideFormat):
         The most that the format can say.
     lists_refused : bool
         Whether a file of several frames names those without a camera too.
+    requires : callable or None
+        Raises an InputError for a field on which the format's numbers mean nothing; None where it takes all.
     """
 
     read: Callable[[Path, bytes, Size | None], list[CameraFrame]]
     write: Callable[[Sequence[CameraFrame]], bytes]
     holds: CameraModel = "camera"
     lists_refused: bool = False
+    requires: Callable[[FieldTemplate], object] | None = None
     kind: ClassVar[Kind] = "camera"
 
 

@@ -35,7 +35,7 @@ END_SIGMA_FACTOR = 2.0
 _ELLIPSE_FREEDOMS = 5
 NO_MARKING = "is no marking of the field"
 """What warnings say of a name that the field does not have."""
-_REACH = 20
+REACH = 20
 """How far outside the picture a point may lie, in its longer side: what is drawn on needs less, and damage has more."""
 _SHARED = float(np.sqrt(2.0))
 """A point of the circle at a known place says where it is and that it is on the circle: its weight is shared."""
@@ -107,7 +107,7 @@ def observe(
         With a warning for each label that is not of this field and each line of one point.
     """
     reading = _Reading(template, sources, sources.point_sigma_px(source, frame.width), file)
-    reach = _REACH * max(frame.width, frame.height)
+    reach = REACH * max(frame.width, frame.height)
     computed = _has_detected_lines(frame)
     measured = frame.observations
     for shape in frame.shapes if measured is None else [s for s in frame.shapes if s.kind == "points"]:
@@ -187,11 +187,11 @@ def _leave_out_far_points(shape: Shape, reach: float) -> tuple[Shape, str]:
     if not is_far.any():
         return shape, ""
     if shape.kind == "ellipse":
-        return replace(shape, points_px=shape.points_px[:0]), f"reaches more than {_REACH} pictures away"
+        return replace(shape, points_px=shape.points_px[:0]), f"reaches more than {REACH} pictures away"
     places = np.flatnonzero(is_far).tolist()
     x, y = shape.points_px[places[0]].tolist()
     lie = f"and {len(places) - 1} more lie" if len(places) > 1 else "lies"
-    told = f"point {places[0] + 1} of {len(is_far)} at ({x:.10g}, {y:.10g}) {lie} more than {_REACH} pictures away"
+    told = f"point {places[0] + 1} of {len(is_far)} at ({x:.10g}, {y:.10g}) {lie} more than {REACH} pictures away"
     confidence = None if shape.confidence is None else tuple(np.array(shape.confidence)[~is_far].tolist())
     return replace(shape, points_px=shape.points_px[~is_far], confidence=confidence), told
 

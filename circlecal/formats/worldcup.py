@@ -10,7 +10,7 @@ conversions to metres about the centre mark are in use, and they do not agree by
 
 Pixels are taken as ours at 1280x720; pictures of other sizes are stretched to it corner to corner, and back where their
 size is given. There is no room for a lens: what is written is the homography nearest to lens and surface over the field
-in view. A refused frame has no file.
+in view. A refused frame has no file, and fields that are no soccer pitch have none.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from typing import Literal
 import numpy as np
 
 from circlecal.errors import InputError
+from circlecal.field import FieldTemplate
 from circlecal.formats.cameras import CameraFrame, Size
 from circlecal.formats.format import CameraFormat, Content
 from circlecal.geometry.homography import is_invertible, scale_homography
@@ -31,6 +32,8 @@ Conversion = Literal["tvcalib", "pnlcalib"]
 PICTURE: Size = (1280, 720)
 SUFFIX = ".homographyMatrix"
 _LARGEST = 1e9
+_SOCCER_LINES = ("side_line_right", "big_rect_right_main", "small_rect_right_main")
+"""Which fields of all sports only soccer pitches have together."""
 _LONGEST_FILE = 4096
 _METRES_PER_YARD, _YARDS_PER_METRE = 0.9144, 1.09361
 
@@ -106,6 +109,19 @@ def _write(frames: Sequence[CameraFrame]) -> bytes:
     return matrix_bytes(H, (frame.width, frame.height))
 
 
+def _require_soccer(template: FieldTemplate) -> None:
+    """See that the template in yards is one of this field.
+
+    Raises
+    ------
+    InputError
+        It is no soccer pitch.
+    """
+    missing = next((name for name in _SOCCER_LINES if name not in template.line_by_name), None)
+    if missing is not None:
+        raise InputError(f"the template of WorldCup is a soccer pitch; the field {template.name!r} has no {missing}")
+
+
 def _recognise(content: Content) -> bool:
     short = len(content.raw) < _LONGEST_FILE and content.head not in (b"{", b"[", b"<")
     return short and len(content.raw.split()) == 9
@@ -118,4 +134,5 @@ FORMAT = CameraFormat(
     write=_write,
     file_name=f"{{id}}{SUFFIX}",
     holds="homography",
+    requires=_require_soccer,
 )

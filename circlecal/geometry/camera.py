@@ -115,7 +115,7 @@ def pan_tilt_roll(R: ArrayLike) -> tuple[float, float, float]:
     return min(solutions, key=lambda s: abs(s[2]))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Camera:
     """Pinhole camera of one frame.
 
@@ -273,7 +273,7 @@ class Camera:
         return np.concatenate([points, np.zeros((*points.shape[:-1], 1))], axis=-1)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class PlaneCamera:
     """A homography taken as a camera: it knows the flat field only, in a picture without distortion.
 

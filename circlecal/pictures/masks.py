@@ -115,7 +115,8 @@ def read_mask(path: Path, width: int, height: int, limits: LimitsConfig = DEFAUL
 
 
 def as_class_ids(mask: NDArray[Any], width: int, height: int, name: str) -> NDArray[np.uint8]:
-    """Class ids (height, width), uint8, from a mask array: (H, W) of any integer type or bool, or BGR(A) of 8 bit.
+    """Class ids (height, width), uint8, from a mask array: (H, W) of any integer type or bool, or BGR(A) of 8 bit; at
+    least 16 pixels on each side.
 
     Raises
     ------
@@ -124,6 +125,10 @@ def as_class_ids(mask: NDArray[Any], width: int, height: int, name: str) -> NDAr
     """
     if mask.ndim == 3 and mask.shape[2] == 1:
         mask = mask[:, :, 0]
+    if mask.ndim in (2, 3) and min(mask.shape[:2]) < _MIN_SIDE:
+        raise InputError(
+            f"{name}: has only {mask.shape[1]} x {mask.shape[0]} pixels; at least {_MIN_SIDE} on each side are needed"
+        )
     if mask.ndim == 2:
         classes = _from_one_channel(mask, name)
     elif mask.ndim == 3 and mask.shape[2] in (3, 4):

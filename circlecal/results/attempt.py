@@ -27,7 +27,7 @@ class Fitted(NamedTuple):
     verdict: Verdict
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Rival:
     """Another way to see the picture: its circle taken for another one of the field.
 
@@ -46,7 +46,7 @@ class Rival:
     evidence: float
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@dataclass(frozen=True, slots=True, repr=False, eq=False)
 class Attempt(ShortRepr):
     """What the stages made of one frame with one circle: each stage's result, None where it was not reached.
 
@@ -103,7 +103,7 @@ class Attempt(ShortRepr):
         return None if self.verdict is None else self.verdict.code
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class FieldCandidate:
     """What a frame looks like as one field among several that it may be.
 
@@ -159,7 +159,7 @@ class LikelySport:
     probability: float
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class FrameCalibration:
     """Everything known about one frame: which one it is, how it was run, and the attempt that was taken.
 

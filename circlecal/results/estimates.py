@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
@@ -21,7 +21,15 @@ contradicts the rest: clicks scatter by 1.5 px.
 """
 
 
-@dataclass(frozen=True, slots=True)
+def _freeze(found: CameraFit | HomographyRegion | Camera) -> None:
+    """Let nobody write into the arrays of a result."""
+    for each in fields(found):
+        value = getattr(found, each.name)
+        if isinstance(value, np.ndarray):
+            value.setflags(write=False)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class PointCorrespondence:
     """A derived point: label, field (2,) metres, image (2,) pixels, and its sigma where known."""
 
@@ -31,7 +39,7 @@ class PointCorrespondence:
     sigma_px: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class DerivedPoint:
     """A point of the circle as the camera puts it: label, field (2,), undistorted pixel (2,), covariance (2, 2)."""
 
@@ -41,7 +49,7 @@ class DerivedPoint:
     covariance: Array
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class LineCorrespondence:
     """A derived tangent: label, field line (3,), image line (3,), both normalised."""
 
@@ -50,7 +58,7 @@ class LineCorrespondence:
     image_line: Array
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@dataclass(frozen=True, slots=True, repr=False, eq=False)
 class Correspondences(ShortRepr):
     """Stage ``correspondences``: the paper's points and tangents.
 
@@ -80,7 +88,7 @@ class Correspondences(ShortRepr):
     tangents: tuple[LineCorrespondence, ...]
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@dataclass(frozen=True, slots=True, repr=False, eq=False)
 class HomographyFit(ShortRepr):
     """Stage ``homography``: the DLT on points and lines, both directions, and the solution of the turned field."""
 
@@ -136,7 +144,7 @@ class FieldSize:
         return f"length {length}, width {width} m, {'usual' if self.is_usual else 'estimated'}"
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@dataclass(frozen=True, slots=True, repr=False, eq=False)
 class HomographyRegion(ShortRepr):
     """Where the true homography lies, told by the pixels of four field points, far from each other in the picture.
 
@@ -159,6 +167,10 @@ class HomographyRegion(ShortRepr):
     covariance: Array
     directions: int
 
+    def __post_init__(self) -> None:
+        """Nobody changes an answer by its arrays."""
+        _freeze(self)
+
     def distance(self, H_image_field: Array) -> float:
         """Squared Mahalanobis distance of a homography (3, 3), along the ``directions`` of largest variance.
 
@@ -173,7 +185,7 @@ class HomographyRegion(ShortRepr):
         return float(np.sum(off**2 / np.maximum(values, np.finfo(np.float64).tiny)))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class PaintersFit:
     """An estimate that weighs what was seen by painters' errors too.
 
@@ -195,7 +207,7 @@ class PaintersFit:
     point_residuals_px: dict[MarkingKey, Array]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class RoughCamera:
     """Parameters (P,) of a camera that is about right, and the names that it gave to lines, by their index."""
 
@@ -203,7 +215,7 @@ class RoughCamera:
     names_by_line: dict[int, str] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@dataclass(frozen=True, slots=True, repr=False, eq=False)
 class CameraFit(ShortRepr):
     """Stage ``camera``: maximum a posteriori pinhole camera with its covariance.
 
@@ -303,6 +315,11 @@ class CameraFit(ShortRepr):
     painters: PaintersFit | None = None
     painted_sigma_px: dict[MarkingKey, float] = field(default_factory=dict)
     missed_ends_px: dict[MarkingKey, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Nobody changes an answer by its arrays, which its view, its record and its pictures share."""
+        _freeze(self)
+        _freeze(self.camera)
 
     @property
     def all_residuals_px(self) -> dict[MarkingKey, float]:

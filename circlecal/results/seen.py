@@ -19,7 +19,7 @@ CIRCLE_ID, HALFWAY_ID = 7, 18
 """SoccerNet class ids of the centre circle and of the halfway line in a marking mask."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Segment:
     """A straight piece of the picture from ``start`` (2,) to ``end`` (2,), pixels, and the share of it that the
     picture supports.
@@ -30,7 +30,7 @@ class Segment:
     support: float = 1.0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Interpretation:
     """What in a picture is taken for the circle (``conic``, (3, 3)) and for the line through its middle."""
 
@@ -44,7 +44,7 @@ class Interpretation:
         return self.conic.tobytes(), b"" if line is None else line.start.tobytes() + line.end.tobytes()
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class SeenArc:
     """A part of a circle: rough conic (3, 3), points (N, 2) on the middle of its paint, px, and whether it has hardly a
     gap wherever the picture shows the circle; an arc that ends inside the picture has one.
@@ -55,7 +55,7 @@ class SeenArc:
     gapless: bool
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class CircleCandidate:
     """An ellipse that may be the circle: its conic (3, 3), the score by which the best is chosen, and its gates."""
 
@@ -64,7 +64,7 @@ class CircleCandidate:
     checks: tuple[Check, ...]
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@dataclass(frozen=True, slots=True, repr=False, eq=False)
 class MarkingMask(ShortRepr):
     """Stage ``mask``: where the markings are.
 
@@ -119,7 +119,7 @@ class MarkingMask(ShortRepr):
         return self.drawn() if callable(self.drawn) else self.drawn
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@dataclass(frozen=True, slots=True, repr=False, eq=False)
 class EdgePoints(ShortRepr):
     """Stage ``edges``: sub-pixel Canny points.
 
@@ -137,7 +137,7 @@ class EdgePoints(ShortRepr):
     thresholds: tuple[float, float]
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@dataclass(frozen=True, slots=True, repr=False, eq=False)
 class RayPoints(ShortRepr):
     """Stage ``rays``: edge points told apart, and band centres.
 
@@ -172,7 +172,7 @@ class RayPoints(ShortRepr):
     rough: Ellipse | None = None
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@dataclass(frozen=True, slots=True, repr=False, eq=False)
 class EllipseFit(ShortRepr):
     """Stage ``ellipse``: the conic of one edge of the marking.
 
@@ -211,7 +211,7 @@ class EllipseFit(ShortRepr):
     hypotheses: int
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class EllipseFits:
     """The fitted edges of one circle; ``primary`` is the one that carries the calibration.
 
@@ -236,7 +236,7 @@ class EllipseFits:
         return tuple(f for f in (self.outer, self.inner, self.center) if f is not None)
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@dataclass(frozen=True, slots=True, repr=False, eq=False)
 class LineCue(ShortRepr):
     """A straight marking: normalised line (3,), its points (N, 2) with sigmas (N,), the measured segment, rms and the
     share of it that is seen.
@@ -255,7 +255,7 @@ class LineCue(ShortRepr):
     width_px: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class MarkCue:
     """The centre mark: position (2,), its sigma along and across the halfway line in one, signal to noise ratio."""
 
@@ -265,7 +265,7 @@ class MarkCue:
     snr: float
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Cues:
     """Stage ``cues``: what fixes the rotation and the imaged centre. Of the straight lines beside the halfway line
     those that may be markings are apart from the others, which are in another paint than the circle.

@@ -13,7 +13,7 @@ from circlecal.errors import EstimationError
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.homography import scale_homography
 from circlecal.geometry.projective import Array
-from circlecal.observations import Observations
+from circlecal.observations import CirclePoints, Keypoint, LinePoints, MarkPoint, Observations
 
 STAGE = "solver"
 
@@ -83,10 +83,19 @@ def failure(code: str, reason: str) -> EstimationError:
     return EstimationError(STAGE, code, reason)
 
 
-def _is_finite(observations: Observations) -> bool:
-    pixels = [seen.points_px for seen in observations.circles] + [seen.points_px for seen in observations.lines]
-    pixels += [seen.point_px for seen in observations.marks] + [seen.point_px for seen in observations.keypoints]
-    return all(bool(np.isfinite(p).all()) for p in pixels)
+def _find_damage(observations: Observations) -> tuple[str, str] | None:
+    """Code and reason of what no method can use; None where everything may be used."""
+    curves: tuple[CirclePoints | LinePoints, ...] = (*observations.circles, *observations.lines)
+    points: tuple[MarkPoint | Keypoint, ...] = (*observations.marks, *observations.keypoints)
+    pixels = [*(seen.points_px for seen in curves), *(seen.point_px for seen in points)]
+    sigmas = [*(seen.sigma_px for seen in curves), *(np.array(seen.sigma_px) for seen in points)]
+    if not all(np.isfinite(values).all() for values in (*pixels, *sigmas)):
+        return "not_finite", "an observed point is not finite, or its standard deviation"
+    if not all((sigma > 0.0).all() for sigma in sigmas):
+        return "degenerate", "a standard deviation is not above 0"
+    if any(len(line.points_px) > 1 and np.ptp(line.points_px, axis=0).max() == 0.0 for line in observations.lines):
+        return "degenerate", "all points of a line are one pixel"
+    return None
 
 
 def solver(method: HomographyMethod) -> Solver:
@@ -100,8 +109,9 @@ def solver(method: HomographyMethod) -> Solver:
     def solve(
         observations: Observations, template: FieldTemplate, circle: Circle, rng: np.random.Generator
     ) -> SolverResult:
-        if not _is_finite(observations):
-            return SolverResult(None, "not_finite", "an observed point is not finite")
+        damage = _find_damage(observations)
+        if damage is not None:
+            return SolverResult(None, *damage)
         try:
             with np.errstate(all="ignore"):
                 H = method(observations, template, circle, rng)
@@ -124,8 +134,9 @@ def intrinsics_solver(method: IntrinsicsMethod) -> IntrinsicsSolver:
     def solve(
         views: Sequence[Observations], template: FieldTemplate, circle: Circle, rng: np.random.Generator
     ) -> IntrinsicsResult:
-        if not all(_is_finite(view) for view in views):
-            return IntrinsicsResult(None, "not_finite", "an observed point is not finite")
+        damage = next(filter(None, map(_find_damage, views)), None)
+        if damage is not None:
+            return IntrinsicsResult(None, *damage)
         try:
             with np.errstate(all="ignore"):
                 K = method(views, template, circle, rng)

@@ -21,16 +21,22 @@ from circlecal.estimation.completion import complete, settle
 from circlecal.estimation.contradictions import (
     find_contradicting_markings,
     find_contradicting_points,
+    find_contradictions,
     find_lone_contradiction,
     find_straining_marking,
 )
 from circlecal.estimation.optima import choose_optimum, distinct_optima, leave_out_repetitions
-from circlecal.estimation.task import Fit, Task, is_dense
+from circlecal.estimation.task import Fit, Sight, Task, is_dense
 from circlecal.estimation.worlds import choose_world
 from circlecal.field import Circle, FieldTemplate
 from circlecal.observations import MarkingKey, Observations
 from circlecal.refusals import refuse
 from circlecal.results import CameraFit, RoughCamera
+
+MOST_ROUNDS = 4
+"""So often the camera is estimated anew without what its last fit contradicts, which one of 400 sets of clicked points
+with a wrong one needs more than once.
+"""
 
 
 def estimate_camera(
@@ -73,7 +79,8 @@ def estimate_camera(
         start leads to a camera above the ground, ``observations_contradict`` where nothing is left of what was seen.
     """
     given = Task(observations, template, circle, config, camera_side, earlier)
-    task, fit, rejected = _estimate(given, is_draft)
+    drafted = _estimate(given, choose_sight(given), True) if is_draft else None
+    task, fit, rejected = drafted or _estimate_without_contradictions(given)
     # where the camera's place was stated, it may be that which contradicts the lines
     carrying = (circle.name, template.halfway_line)
     is_asked = is_strain_left_out and not is_draft and not has_position(config)
@@ -82,7 +89,7 @@ def estimate_camera(
         key = MarkingKey(straining)
         points = np.bincount(fit.problem.curves.group, minlength=len(fit.problem.curves.keys))
         by_end = any(k == key and n == 1 for k, n in zip(fit.problem.curves.keys, points.tolist(), strict=True))
-        task, fit, more = _estimate(given.without_marking(straining, task.names, by_end))
+        task, fit, more = _estimate_without_contradictions(given.without_marking(straining, task.names, by_end))
         rejected = (key, *more)
     stated = median_sigmas(task.observations)
     return camera_fit(
@@ -90,16 +97,30 @@ def estimate_camera(
     )
 
 
-def _estimate(task: Task, is_draft: bool = False) -> tuple[Task, Fit, tuple[MarkingKey, ...]]:
-    """The task with the names that were given to lines, the fit, and what contradicts it."""
+def _estimate_without_contradictions(given: Task) -> tuple[Task, Fit, tuple[MarkingKey, ...]]:
+    """:func:`_estimate`, anew without what its last fit contradicts: a wrong point through which the first optimum
+    passes may lie far from where the camera ends.
+    """
+    left_out: tuple[MarkingKey, ...] = ()
+    for _ in range(MOST_ROUNDS):
+        sight = choose_sight(given)
+        task, fit, rejected = _estimate(given, sight)
+        wrong = find_contradictions(task, fit, sight)
+        if not wrong:
+            return task, fit, (*left_out, *rejected)
+        left_out, given = (*left_out, *wrong), given.without(wrong)
+    raise refuse("camera", "observations_contradict")
+
+
+def _estimate(task: Task, sight: Sight, is_draft: bool = False) -> tuple[Task, Fit, tuple[MarkingKey, ...]]:
+    """The task with the names that were given to lines, the fit, and what contradicts its first optimum."""
     config = task.config
-    sight = choose_sight(task)
     task, problem, starts = begin(task, sight)
     state = find_optima(problem, starts, config, task.side)
     if not is_dense(problem.curves):
         state = leave_local_optimum(problem, state, config, task.side)
     wrong_points = find_contradicting_points(problem, state) | find_lone_contradiction(task, problem, state)
-    wrong_markings = find_contradicting_markings(task, problem, state, sight)
+    wrong_markings = find_contradicting_markings(task, problem, state, sight, problem.curves.sigma_px)
     rejected = (*problem.points.select(wrong_points).keys, *wrong_markings)
     if rejected:
         task = task.without(wrong_markings)

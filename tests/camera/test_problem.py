@@ -9,13 +9,14 @@ import pytest
 
 from circlecal.camera.observed import NoiseModel, curves_from_observations, points_from_observations
 from circlecal.camera.priors import Priors
-from circlecal.camera.problem import COARSE, FINAL, Problem, bend_surface, evaluate, minimise, predict_step
-from circlecal.camera.residuals import sample_feet
+from circlecal.camera.problem import BEHIND, COARSE, FINAL, Problem, bend_surface, evaluate, minimise, predict_step
+from circlecal.camera.residuals import FixedPoints, sample_feet, stack_curves
 from circlecal.field import load_field
-from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel, project
+from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel, project, theta_of
 from circlecal.geometry.least_squares import LEAST_DAMPING
 from circlecal.geometry.surface import Surface
-from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations
+from circlecal.observations import CirclePoints, LinePoints, MarkingKey, MarkPoint, Observations
+from circlecal.synthetic.cameras import aim_camera
 
 from .conftest import STEPS, central_differences, random_thetas
 
@@ -218,3 +219,17 @@ def test_a_camera_that_sees_one_end_goes_along_when_the_length_of_the_field_chan
 
     assert length_after(1, by_growth) == pytest.approx(0.0, abs=0.1)
     assert length_after(20, np.zeros(2)) > 1.0
+
+
+@pytest.mark.parametrize(("place", "kappa"), [((52.5, 0.0), -0.1), ((0.0, 120.0), 0.0)])
+def test_a_fixed_point_that_the_camera_does_not_show_tells_nothing(place, kappa):
+    """Beyond the fold of the lens, or behind the camera: however near its pixel lies, it is as wrong as can be."""
+    theta = theta_of(aim_camera(np.array([3.0, 60.0, -16.0]), np.zeros(3), 3000.0, 0.0, 1920, 1080, kappa), MODEL)
+    field = np.array([[0.0, 0.0], place])
+    seen = project(theta[None], field[None], MODEL)
+    assert seen.visible[0].tolist() == [True, False]
+    points = FixedPoints(field, seen.pixels[0] + 1.0, np.ones(2), (MarkingKey("right"), MarkingKey("wrong")))
+    problem = Problem(stack_curves([]), points, priors(), MODEL, 6.0)
+    state = evaluate(problem, theta[None], np.zeros((1, 0)))
+    assert np.abs(state.point_values[0, :2]).max() < 1.1 and state.point_values[0, 2:].tolist() == [BEHIND] * 2
+    assert state.jacobian[0, :2].any() and not state.jacobian[0, 2:].any()

@@ -198,3 +198,10 @@ def test_a_mask_option_that_does_not_fit(tmp_path):
         find_mask(frame, tmp_path)
     with pytest.raises(InputError, match="no such mask"):
         find_mask(frame, tmp_path / "none.png")
+
+
+@pytest.mark.parametrize("shape", [(0, 0), (0, 160), (1, 1), (15, 160), (0, 0, 3), (1, 1, 4), (4, 4, 1)])
+@pytest.mark.parametrize("dtype", [np.uint8, np.bool_, np.uint16])
+def test_arrays_that_are_too_small(shape, dtype):
+    with pytest.raises(InputError, match=rf"^mask: has only {shape[1]} x {shape[0]} pixels; at least 16 on each side"):
+        as_class_ids(np.zeros(shape, dtype), WIDTH, HEIGHT, "mask")

@@ -49,6 +49,21 @@ def test_collinear_points_and_too_few_points(solver, camera):
         assert code(solver, replace(seen, circles=spoilt, lines=())) != "ok"
 
 
+@pytest.mark.parametrize("solver", solver_names())
+def test_a_line_without_direction_and_points_without_noise(solver, camera):
+    seen = central_view(camera.homography, soccer()[0])
+    one_pixel = tuple(
+        replace(line, points_px=np.tile([[640.0, 360.0]], (len(line.points_px), 1))) for line in seen.lines
+    )
+    assert code(solver, replace(seen, lines=one_pixel)) == "degenerate"
+    for sigma, found in ((0.0, "degenerate"), (np.nan, "not_finite"), (np.inf, "not_finite")):
+        lines = tuple(replace(line, sigma_px=np.full(len(line.points_px), sigma)) for line in seen.lines)
+        circles = tuple(replace(circle, sigma_px=np.full(len(circle.points_px), sigma)) for circle in seen.circles)
+        marks = tuple(replace(mark, sigma_px=sigma) for mark in seen.marks)
+        for spoilt in ({"lines": lines}, {"circles": circles}, {"marks": marks}):
+            assert code(solver, replace(seen, **spoilt)) == found
+
+
 def test_reasons_of_central_views(camera):
     template, _ = soccer()
     H = camera.homography
