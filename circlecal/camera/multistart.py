@@ -190,7 +190,7 @@ def _screen(problem: Problem, grid: Array, count: int) -> Array:
     feet = ground_feet(few, candidates, problem.model)
     seen = curve_residuals(few, candidates, feet, problem.model, 0, problem.points)
     on_curves = np.abs(seen.values[:, : feet.shape[1]]) * few.sigma_px
-    offsets = seen.values[:, feet.shape[1] :].reshape(len(candidates), -1, 2) * problem.points.sigma_px[:, None]
+    offsets = seen.values[:, feet.shape[1] :].reshape(len(candidates), -1, 2) * problem.points.sigmas_px
     beside = np.where(seen.behind[:, feet.shape[1] :: 2], np.inf, np.linalg.norm(offsets, axis=-1))
     distance = np.concatenate([on_curves, beside], axis=1)
     penalty = np.sum(problem.priors.residuals(candidates)[0] ** 2, axis=1)

@@ -13,6 +13,7 @@ from circlecal.camera.spike_and_slab import UNLIKELY_SHARE, Posterior, share_noi
 from circlecal.camera.world import USUAL
 from circlecal.estimation.task import Fit, Task
 from circlecal.geometry.camera_parameters import parameters_between
+from circlecal.geometry.projective import Array
 
 ALIKE_COST, DISTINCT_COST = 6.0, 30.0
 """Two optima are both followed where their chi-square differs by less than the first, and would differ by more than the
@@ -84,8 +85,28 @@ def choose_optimum(finished: list[tuple[Task, Fit]], known: int) -> tuple[Task, 
     away = parameters_between(fit.state.theta[0], other.state.theta[0])
     covariance = its.widen(posterior_covariance(other.state.normal[0], other.problem.priors.sd))
     others = share * mine.others + (1.0 - share) * (covariance + np.outer(away, away))
+    resized = _resize(share, mine, its, covariance, away)
     sizes = {
         size: share * mine.size_shares.get(size, 0.0) + (1.0 - share) * its.size_shares.get(size, 0.0)
         for size in {*mine.size_shares, *its.size_shares}
     }
-    return task, replace(fit, posterior=replace(mine, share=share * mine.share, others=others, size_shares=sizes))
+    posterior = Posterior(mine.world, share * mine.share, others, sizes, resized)
+    return task, replace(fit, posterior=posterior)
+
+
+def _resize(share: float, mine: Posterior, its: Posterior, covariance: Array, away: Array) -> Array | None:
+    """Second moment (P, P) about the likelier camera, which has this share, of all answers of both on fields of another
+    kind of size than its own; None where there are none.
+
+    The other camera lies ``away`` (P,) and has this covariance (P, P) with all its answers: where it stands on a field
+    of another kind itself, this is taken for that of its answers on such fields, which lie about it as the rest do.
+    """
+    about_it = its.resized if its.world.size == mine.world.size else covariance
+    its_share = 1.0 - its.size_shares.get(mine.world.size, 0.0)
+    weighed = [
+        (share * mine.resized_share, mine.resized),
+        ((1.0 - share) * its_share, None if about_it is None else about_it + np.outer(away, away)),
+    ]
+    kept = [(q, moment) for q, moment in weighed if moment is not None and q > 0.0]
+    moments = np.array([q * moment for q, moment in kept])
+    return moments.sum(axis=0) / sum(q for q, _ in kept) if kept else None

@@ -1,5 +1,7 @@
 """From starts to optima: few points tell where to go, all points where it ends."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,7 @@ from circlecal.camera.multistart import COARSE_POINTS, FEW_STARTS, Starts, find_
 from circlecal.camera.options import CameraConfig
 from circlecal.camera.problem import COARSE
 from circlecal.errors import EstimationError
-from circlecal.geometry.camera_parameters import PARAMETERS
+from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, project
 
 from .test_problem import observed, plain_theta, priors, problem_of
 
@@ -48,3 +50,20 @@ def test_a_weak_camera_is_followed_again_only_where_there_is_a_grid(monkeypatch)
     assert followed == [1]
     find_optima(problem, Starts(theta[None], theta[None]), CONFIG, "main")
     assert followed == [1, 1, 2]
+
+
+def test_a_start_is_screened_by_how_many_pixels_off_its_points_lie_however_uneven_the_ground():
+    """A mark below its place counts by its distance, and not by a fifth of it since the ground may be uneven there."""
+    rng = np.random.default_rng(5)
+    theta = plain_theta(rng)
+    mark_alone = replace(observed(theta, rng, sigma=0.0), circles=(), lines=())
+    problem = problem_of(mark_alone, priors(x=100.0, y=100.0, z=100.0, roll=10.0))
+    problem = replace(problem, points=replace(problem.points, sigma_px=np.ones(1), upright_px=np.full(1, 8.0)))
+    focal_px = np.exp(theta[0])
+    grid = np.repeat(theta[None], 2, axis=0)
+    grid[0, INDEX["tilt"]] += 40.0 / focal_px
+    grid[1, INDEX["pan"]] += 12.0 / focal_px / np.sin(theta[INDEX["tilt"]])
+    off_px = project(grid, np.zeros((2, 1, 2)), problem.model).pixels[:, 0] - problem.points.points_px
+    assert np.abs(off_px[0]) == pytest.approx([0.0, 40.0], abs=1.5)
+    assert np.abs(off_px[1]) == pytest.approx([12.0, 0.0], abs=1.5)
+    np.testing.assert_array_equal(multistart._screen(problem, grid, 1), grid[1:])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from circlecal.camera.noise import leave_out_stray_points, rescale_and_reject
+from circlecal.camera.noise import leave_out_stray_points, noise_of_misfit, rescale_and_reject, rescale_sigmas
 from circlecal.camera.observed import points_from_observations
 from circlecal.camera.problem import Problem, State
 from circlecal.camera.residuals import circle_curve, line_curve, stack_curves
@@ -97,3 +97,23 @@ def test_what_the_fit_takes_of_errors_that_repeat_themselves_is_noise_too():
         told.append(rescale_and_reject(*fitted(left))[0].curves.sigma_px[0])
     # averaged over a long piece, the sum of 12 white errors has the standard deviation of one, 12 times over
     assert np.median(told) == pytest.approx(12 * 0.1, rel=0.2)
+
+
+@pytest.mark.parametrize("count", [8, 12, 200])
+def test_the_scatter_of_few_points_holds_what_the_fit_takes_to_place_their_marking(count):
+    """Three of n residuals are free to vanish: sigma grows by sqrt(n / (n - 3)) more than their mean square says."""
+    residuals = 1.5 * STATED_PX * np.resize([1.0, -1.0], count)
+    problem, state, _ = fitted(residuals)
+    expected = 1.5 * STATED_PX * np.sqrt(count / (count - 3))
+    grown, _, scale = rescale_sigmas(problem, state)
+    np.testing.assert_allclose(grown.curves.sigma_px, expected)
+    assert scale == pytest.approx(expected / STATED_PX)
+    told, _ = noise_of_misfit(problem, state, np.full(count, STATED_PX))
+    np.testing.assert_allclose(told.curves.sigma_px, expected)
+
+
+def test_fewer_points_than_can_tell_their_scatter_keep_their_noise():
+    problem, state, _ = fitted(9.0 * np.resize([1.0, -1.0], 7))
+    grown, _, scale = rescale_sigmas(problem, state)
+    np.testing.assert_allclose(grown.curves.sigma_px, STATED_PX)
+    assert scale == 1.0

@@ -38,6 +38,22 @@ def test_residuals_are_whitened():
     np.testing.assert_allclose(np.cov(values.T), np.eye(6), atol=0.12)
 
 
+def test_a_frame_scatters_by_what_is_known_and_by_how_far_it_may_deviate():
+    """At the focal length at which the parameters are quoted; away from it their changes with the zoom come on top."""
+    told = prior()
+    K, deviation_sd = len(told.indices), 1.0 + np.arange(len(told.indices))
+    told = replace(told, deviation_sd=deviation_sd)
+    _, (here, there), _ = told.at(told.log_focal + np.array([0.0, 0.5]))
+    np.testing.assert_allclose(here, told.covariance[:K, :K] + np.diag(deviation_sd**2))
+    np.testing.assert_allclose(np.sqrt(np.diag(here)), told.frame_sd)
+    zoomed = [told.parameters.index(name) for name in told.zoomed]
+    expected = here.copy()
+    expected[np.ix_(zoomed, zoomed)] += 0.25 * told.covariance[K:, K:]
+    expected[:, zoomed] += 0.5 * told.covariance[:K, K:]
+    expected[zoomed] += 0.5 * told.covariance[K:, :K]
+    np.testing.assert_allclose(there, expected)
+
+
 def test_jacobian_but_for_the_spread_that_grows_with_the_zoom():
     told = prior()
     theta = random_thetas(1, np.random.default_rng(1))[0]

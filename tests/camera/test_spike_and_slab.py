@@ -203,6 +203,22 @@ def test_what_else_a_line_may_be_is_the_integral_over_all_places_of_its_ends():
     assert _log_evidence_of_others(problem, state, known=1) == pytest.approx(expected, abs=1e-3)
 
 
+def test_a_mark_on_uneven_ground_is_evidence_by_its_density():
+    """A mark that lies at its place speaks for a camera by so much less as the ground may be more uneven: the normal
+    density of its residual has the standard deviation below.
+    """
+    rng = np.random.default_rng(4)
+    theta = plain_theta(rng)
+    usual = priors(crown=0.03, length=1.0, breadth=0.7)
+    problem = problem_of(observed(theta, rng, sigma=0.3), usual)
+    state, world = minimise(problem, theta[None]), possible_worlds(SOCCER, usual, {"usual": 1.0}, 0.0)[0]
+    evidence = []
+    for upright_px in (0.5, 4.0):
+        points = replace(problem.points, upright_px=np.array([upright_px]))
+        evidence.append(log_evidence(world, replace(problem, points=points), state, SOCCER, len(problem.curves.keys)))
+    assert evidence[0] - evidence[1] == pytest.approx(np.log(4.0 / 0.5))
+
+
 def test_a_mixture_is_as_wide_as_its_draws():
     """Two answers that lie apart: the second moment about the reported one is that of draws of either."""
     rng, count = np.random.default_rng(8), 400_000

@@ -2,6 +2,7 @@ import cv2
 import numpy as np
 import pytest
 
+from circlecal.detection import halfway
 from circlecal.detection.circle import MeasuredCircle, measure_circle
 from circlecal.detection.ellipse_batch import EllipseBatch
 from circlecal.detection.halfway import find_halfway, find_segments_through_middle, measure_segments
@@ -55,6 +56,25 @@ def test_a_line_that_is_wider_in_the_picture_than_profiles_are_long_is_found(cro
     line = find_halfway(wide, circle, segment(crossed, (0, -8), (0, 8))[None], CONFIG)
     assert line is not None
     assert line.support > 0.9
+
+
+def seam(thinner: float) -> Distance:
+    """At the halfway line's place, so many times as thin as paint."""
+    return lambda x, y: (thinner * x, np.abs(y) <= 34.0)
+
+
+def test_a_thin_seam_that_longer_profiles_alone_reach_is_no_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    """0.3 of the usual half length wide, beside the straight run along which a line is looked for."""
+    scene = paint_scene(markings=(HALFWAY_AND_CIRCLE[0], seam(3.0)))
+    gray, circle = measured(scene)
+    on, beside = (segment(scene, (x, -8), (x, 8))[None] for x in (0.0, 0.25))
+    assert find_halfway(gray, circle, on, CONFIG) is not None
+    assert find_halfway(gray, circle, beside, CONFIG) is None
+    monkeypatch.setattr(halfway, "WIDE_SHARE", 0.0)
+    reached = find_halfway(gray, circle, beside, CONFIG)
+    assert reached is not None
+    width_px = np.median(reached.curve.width[reached.curve.supported])
+    assert width_px / (CONFIG.refinement.line_reach_px * gray.shape[1] / 1920.0) == pytest.approx(0.3, abs=0.05)
 
 
 def test_a_line_that_is_not_painted_is_none() -> None:

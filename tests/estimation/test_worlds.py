@@ -180,6 +180,60 @@ def test_noise_that_one_line_leaves_takes_no_names_away(takes_names, monkeypatch
     assert reported == ["kept" if takes_names else "of misfit"]
 
 
+@pytest.mark.parametrize(("beyond_m", "reported"), [(1.0, "of misfit"), (18.0, "kept")])
+def test_misfit_that_only_a_field_beyond_the_rules_explains_is_not_that_of_its_size(beyond_m, reported, monkeypatch):
+    fit = fit_without_lines()
+    problem, theta = fit.problem, fit.state.theta.copy()
+    theta[0, INDEX["breadth"]] = 90.0 + beyond_m - 68.0
+    large = replace(fit.state, theta=theta)
+    template = SimpleNamespace(extents=(Extent(105.0, (90.0, 120.0)), Extent(68.0, (45.0, 90.0))))
+    names = {0: "side_line_top"}
+    usual = (SimpleNamespace(names=names, config=CONFIG, template=template, rule=lambda rule: rule), fit)
+    usual_size, any_size = (
+        next(world for world in WORLDS if world.size == size and not world.is_flat) for size in ("usual", "any")
+    )
+    told: list[str] = []
+
+    def compare(asked, noise, *given):
+        is_told = noise is module._with_noise_of_misfit
+        (case, _), *_ = asked
+        answers = (
+            Answer(usual_size, problem, fit.state, 0.0),
+            Answer(any_size, problem, large, 3.0 if is_told else -3.0),
+        )
+        return [(answer, case) for answer in answers]
+
+    def report(how):
+        return lambda best, task, fit: told.append(how) or (problem, best.state)
+
+    monkeypatch.setattr(module, "possible_worlds", lambda *given: WORLDS)
+    monkeypatch.setattr(module, "_compare_worlds", compare)
+    monkeypatch.setattr(module, "_resize", lambda *given: [usual])
+    monkeypatch.setattr(module, "_may_be_of_any_size", lambda *given: False)
+    monkeypatch.setattr(module, "_may_hide_misfit", lambda *given: True)
+    monkeypatch.setattr(module, "shows_size_closely", lambda *given: False)
+    monkeypatch.setattr(module, "_tell_noise", report("of misfit"))
+    monkeypatch.setattr(module, "_keep_noise", report("kept"))
+    monkeypatch.setattr(module, "_explore", lambda task, fit: fit)
+    _, found = module.choose_world(cast("Any", usual[0]), problem.curves, fit, cast("Any", usual))
+    assert told == [reported]
+    assert found.posterior.world.size == ("usual" if reported == "kept" else "any")
+
+
+@pytest.mark.parametrize(
+    ("size", "left"), [("usual", ["own"]), ("other_length", ["own", "roof"]), ("any", ["own", "roof"])]
+)
+def test_roofs_are_needless_only_where_a_field_of_the_usual_size_is_the_likeliest(size, left):
+    """On another field the profile was not chosen yet: the roof tells how surely it is known."""
+    own, roof = cast("list[Any]", [("own", None), ("roof", None)])
+    best, other = (
+        Answer(next(world for world in WORLDS if world.size == kind), cast("Any", None), cast("Any", None), evidence)
+        for kind, evidence in ((size, 0.0), ("usual", -2.0))
+    )
+    found = [(best, own), (other, roof)]
+    assert [case[0] for _, case in module._without_needless([roof], found)] == left
+
+
 @pytest.mark.parametrize("asks_at_first", [True, False])
 def test_lines_are_named_anew_once_whichever_noise_asks_for_it(asks_at_first, monkeypatch):
     fit = fit_without_lines()

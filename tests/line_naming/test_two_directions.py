@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from circlecal.field import load_field
-from circlecal.geometry.camera_parameters import POSITION, ProjectionModel
+from circlecal.geometry.camera_parameters import PAN, PARAMETERS, POSITION, ProjectionModel, theta_of
+from circlecal.geometry.homography import SIDES
+from circlecal.geometry.projective import lift
 from circlecal.line_naming import two_directions
 from circlecal.line_naming.two_directions import find_arc, propose_cameras
 from circlecal.synthetic.cameras import aim_camera
@@ -110,6 +112,82 @@ def test_a_camera_on_the_other_side_is_told_by_the_side_that_is_asked_for():
     assert {name.replace("right", "left") for name in best.names.values()} >= {"big_rect_left_main"}
     assert all("left" not in name for name in best.names.values() if "rect" in name)
     assert best.theta[POSITION] == pytest.approx([2.0, -62.0, -16.0], abs=0.2)
+
+
+@pytest.mark.parametrize(
+    ("side", "place"),
+    [
+        ("main", (-2.0, 62.0, -16.0)),
+        ("opposite", (-30.0, -55.0, -14.0)),
+        ("left_goal", (-85.0, 14.0, -12.0)),
+        ("right_goal", (85.0, -14.0, -12.0)),
+    ],
+)
+def test_a_camera_on_each_side_of_the_field_gets_its_place(side, place):
+    target = (np.copysign(43.0, place[0]), -2.0, 0.0)
+    near = [name.replace("left", "right") if place[0] > 0 else name for name in LEFT + OUTSIDE]
+    names, segments = see(penalty_area_camera(*place, target, 1500.0), near)
+    assert len(names) >= 5
+    best = propose_cameras(segments, (), SOCCER, MODEL, side, 3)[0]
+    assert best.names == dict(enumerate(names))
+    assert best.theta[POSITION] == pytest.approx(place, abs=0.2)
+
+
+@pytest.mark.parametrize(("side", "across"), [("main", "opposite"), ("left_goal", "right_goal")])
+def test_cameras_from_one_side_are_those_from_across_the_field_turned(side, across):
+    _, segments = see(penalty_area_camera(), LEFT + OUTSIDE)
+    ends = (segments - MODEL.center) / (MODEL.width / 2.0)
+    lines = np.cross(lift(ends[:, 0]), lift(ends[:, 1]))
+    lines /= np.hypot(lines[:, 0], lines[:, 1])[:, None]
+    views = next(two_directions._all_views(lines, ends))
+    one, other = (two_directions._positions(views, lines, SOCCER, MODEL, name) for name in (side, across))
+    assert len(one) > 100
+    assert (one[:, POSITION][:, :2] @ SIDES[side] >= 0).all()
+    assert (other[:, POSITION][:, :2] @ SIDES[across] >= 0).all()
+    np.testing.assert_allclose(one[:, POSITION], other[:, POSITION] * (-1.0, -1.0, 1.0))
+    np.testing.assert_allclose(np.cos(one[:, PAN] - other[:, PAN]), -1.0)
+    rest = np.setdiff1d(np.arange(len(PARAMETERS)), [PAN, *range(*POSITION.indices(len(PARAMETERS)))])
+    np.testing.assert_allclose(one[:, rest], other[:, rest], atol=1e-9)
+
+
+def test_markings_in_view_that_nobody_saw_count_against_a_camera():
+    """What it explains, less a share of what it predicts in vain; what lies outside of the picture costs nothing."""
+    camera = penalty_area_camera()
+    theta = theta_of(camera, MODEL)[None]
+    names, segments = see(camera, LEFT, shortest_px=0.0)
+    index = {line.name: k for k, line in enumerate(SOCCER.lines)}
+    marking = np.array([[index[name] for name in names]])
+    length_m = np.linalg.norm(np.diff(SOCCER.drawn_lines[0], axis=1)[:, 0], axis=-1)
+    along = np.stack([np.zeros(len(names)), length_m[marking[0]]], axis=-1)[None]
+    everything, _ = see(camera, [line.name for line in SOCCER.lines], shortest_px=0.0)
+    rest = [name for name in everything if name not in names]
+    assert rest
+    _, ends = see(camera, rest, shortest_px=0.0)
+    missing_px = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1).sum()
+    found = two_directions._missing_px(theta, two_directions._Matches(marking, along), SOCCER, MODEL)
+    assert found == pytest.approx(missing_px, rel=0.1)
+    lines = (np.array(segments), np.arange(len(names)), ())
+    best = two_directions._rank(theta, *lines, SOCCER, MODEL, 1)[0]
+    length_px = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=-1).sum()
+    expected = (length_px - two_directions.MISSING_WEIGHT * found[0]) / MODEL.width
+    assert best.score == pytest.approx(expected, rel=1e-3)
+
+
+def test_views_to_whose_vanishing_points_little_of_what_was_seen_runs_are_not_looked_at(monkeypatch):
+    _, segments = see(penalty_area_camera(), LEFT + OUTSIDE)
+    looked_at, told = [], []
+
+    def share(views, ends):
+        told.append(np.linspace(100.0, 0.0, len(views.focal)))
+        return told[-1]
+
+    monkeypatch.setattr(two_directions, "length_to_vanishing_points", share)
+    monkeypatch.setattr(
+        two_directions, "_positions", lambda views, *given: looked_at.append(len(views.focal)) or np.zeros((0, 0))
+    )
+    propose_cameras(segments, (), SOCCER, MODEL, "main", 3)
+    assert looked_at == [np.count_nonzero(length >= 100.0 * two_directions.DIRECTED_SHARE) for length in told]
+    assert all(0 < count < len(length) for count, length in zip(looked_at, told, strict=True))
 
 
 @pytest.mark.parametrize("names", [(), LEFT[:3], ("side_line_left", "big_rect_left_main", "small_rect_left_main")])

@@ -1,6 +1,7 @@
 """Cases 1, 2 and 3: points and tangents from a circle, exact without noise."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +16,11 @@ from circlecal.geometry.homography import SIDES, homography_from_circle, transfe
 from circlecal.geometry.projective import apply_homography, dehomogenise, join, lift, meet, normalise_line
 from circlecal.observations import Keypoint
 from circlecal.results import Cues, EllipseFits, MarkCue
+from circlecal.stages import correspondences
 from circlecal.stages.correspondences import (
+    USUAL_DISTANCE_LOG_SD,
+    USUAL_DISTANCE_RADII,
+    USUAL_ROLL_RAD,
     CorrespondencesConfig,
     correspondences_from_line,
     correspondences_from_point,
@@ -299,3 +304,27 @@ def test_a_centre_outside_the_ellipse_is_refused():
 def test_pinhole_center_needs_neither_mark_nor_second_edge(camera):
     center = pinhole_center(true_conic(camera), line_cue(camera).line, (camera.width, camera.height))
     np.testing.assert_allclose(dehomogenise(center), camera.project(ORIGIN), atol=1e-6)
+
+
+@pytest.mark.parametrize(("distances", "is_usual"), [(1.0, True), (3.9, True), (4.1, False)])
+def test_a_centre_that_only_an_unusual_camera_allows_is_none(distances, is_usual, monkeypatch):
+    """Chi-square 16: four standard deviations of roll, or of the logarithm of the distance."""
+    away_m = CIRCLE.radius_m * USUAL_DISTANCE_RADII * np.exp(-distances * USUAL_DISTANCE_LOG_SD)
+    place = np.array([0.0, np.cos(0.6), -np.sin(0.6)]) * away_m
+    focal_px = 3000.0 * away_m / 64.0
+    camera = view(position=tuple(place), target=(0.0, 0.0, 0.0), focal=focal_px, roll=0.0)
+    # where the camera stands in the plane of the halfway line that tells nothing of the centre
+    true = SimpleNamespace(center=lift(camera.project(ORIGIN)))
+    monkeypatch.setattr(correspondences, "pinhole_centers", lambda *given: [true])
+    center = pinhole_center(true_conic(camera, "center"), line_cue(camera).line, (camera.width, camera.height))
+    assert (center is not None) == is_usual
+
+
+@pytest.mark.parametrize(("rolls", "is_usual"), [(0.5, True), (3.9, True), (4.1, False)])
+def test_a_centre_that_only_a_rolled_camera_allows_is_none(rolls, is_usual, monkeypatch):
+    away_m = CIRCLE.radius_m * USUAL_DISTANCE_RADII
+    camera = view(position=(0.0, away_m * np.cos(0.3), -away_m * np.sin(0.3)), roll=rolls * USUAL_ROLL_RAD)
+    true = SimpleNamespace(center=lift(camera.project(ORIGIN)))
+    monkeypatch.setattr(correspondences, "pinhole_centers", lambda *given: [true])
+    center = pinhole_center(true_conic(camera, "center"), line_cue(camera).line, (camera.width, camera.height))
+    assert (center is not None) == is_usual

@@ -1,13 +1,17 @@
 """Robust ellipses of the marking's edges."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from circlecal.errors import EstimationError
 from circlecal.geometry.conics import normalise_conic, sampson_distance
 from circlecal.geometry.ellipses import Ellipse, ellipse_from_conic, orthogonal_distance
+from circlecal.geometry.ransac import ransac_conic
 from circlecal.observations import CirclePoints, Observations
 from circlecal.results import RayPoints
+from circlecal.stages import ellipse
 from circlecal.stages.ellipse import EllipseConfig, fit_edge, fit_ellipses, fit_observations
 
 ELLIPSE = Ellipse(np.array([900.0, 500.0]), (520.0, 160.0), 0.04)
@@ -72,6 +76,30 @@ def test_inliers_follow_the_refinement():
         wrong = found.inliers != (distance < limit)
         # the last refinement moves the conic by hundredths of a pixel
         assert (np.abs(distance[wrong] - limit) < 0.02).all()
+
+
+def test_what_the_refined_conic_comes_near_to_refines_it_again(monkeypatch):
+    """Each round takes the points that lie near the conic of the one before, until they stay."""
+    points, used, refine = arc(200, sigma=0.1), [], ellipse.refine_conic
+    strays = ELLIPSE.points(np.radians(np.linspace(0.0, 20.0, 20))) + np.array([3.5, 0.0])
+    points = np.concatenate([points, strays])
+
+    def follow(given, conic, sigma):
+        used.append(len(given))
+        return refine(given, conic, sigma)
+
+    def begin(given, *others, **options):
+        rough = ransac_conic(given, *others, **options)
+        return replace(rough, inliers=np.arange(len(given)) < 60)
+
+    monkeypatch.setattr(ellipse, "refine_conic", follow)
+    monkeypatch.setattr(ellipse, "ransac_conic", begin)
+    found = fitted(points, 0.1)
+    assert used[0] == 60
+    assert len(used) > 1
+    assert used[1] > 190
+    again, _ = refine(points[found.inliers], found.conic, np.full(int(found.inliers.sum()), 0.1))
+    np.testing.assert_allclose(again, found.conic, rtol=1e-6, atol=1e-9)
 
 
 @pytest.mark.parametrize("method", ["direct", "algebraic", "taubin"])

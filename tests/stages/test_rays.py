@@ -7,14 +7,15 @@ import pytest
 from circlecal.errors import EstimationError
 from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import ProjectionModel, theta_of
-from circlecal.geometry.ellipses import conic_from_ellipse, ellipse_from_conic, orthogonal_distance
+from circlecal.geometry.ellipses import Ellipse, conic_from_ellipse, ellipse_from_conic, orthogonal_distance
 from circlecal.geometry.surface import FLAT, Surface
 from circlecal.paint.along_curve import RaysConfig, leave_out_single, measure_along_model
+from circlecal.paint.bands import Bands
 from circlecal.paint.predicted_width import predict_paint_widths
 from circlecal.paint.profiles import to_gray
-from circlecal.results import MarkingMask
+from circlecal.results import EdgePoints, MarkingMask
 from circlecal.stages.edges import EdgesConfig, detect_edges
-from circlecal.stages.rays import cast_rays, even_angles
+from circlecal.stages.rays import _along, _Centreline, _pair_edges, cast_rays, even_angles
 from circlecal.synthetic.cameras import aim_camera
 from circlecal.synthetic.paint import paint_layers
 
@@ -312,3 +313,43 @@ def test_rough_grass_where_paint_is_worn_off_is_not_measured(painted):
     on_grass = found.center_line_px[:, 1] < center[1] - 5.0
     assert np.count_nonzero(~on_grass) > 300
     assert np.count_nonzero(on_grass) < 0.06 * len(on_grass)
+
+
+def centreline_of(angles, middle_px, width_px):
+    """A centreline with bands of these middles and widths (N,) at these angles (N,)."""
+    nothing = np.zeros(len(angles))
+    whole = np.ones(len(angles), np.bool_)
+    bands = Bands(
+        middle_px, middle_px - 0.5 * width_px, middle_px + 0.5 * width_px, nothing, nothing, nothing, nothing, whole
+    )
+    return _Centreline(np.zeros((len(angles), 2)), bands, angles, 0)
+
+
+def test_the_band_between_two_measured_ones_lies_between_them_by_its_distance_from_each():
+    angles = np.radians([1.0, 3.0, 4.0, 8.0, 359.5])
+    centreline = centreline_of(angles, np.array([1.0, 5.0, 5.0, 5.0, 4.0]), np.array([10.0, 2.0, 2.0, 2.0, 4.0]))
+    width, middle, known = _along(centreline, np.radians([1.5, 2.9, 0.0, -0.25, 5.5, 370.0]))
+    np.testing.assert_allclose(middle[:4], [2.0, 4.8, 3.0, 3.5])
+    np.testing.assert_allclose(width[:4], [8.0, 2.4, 6.0, 5.0])
+    np.testing.assert_array_equal(known, [True, True, True, True, False, False])
+
+
+@pytest.mark.parametrize(("aside_px", "is_pair"), [(0.0, True), (1.6, True), (2.0, False), (-2.0, False)])
+def test_a_pair_of_edges_beside_the_measured_band_is_not_its_own(aside_px, is_pair):
+    """A band 3 px wide: the middle of its edges may lie 1.75 px off that of its flux."""
+    circle, gap_px, count = Ellipse(np.array([500.0, 500.0]), (200.0, 200.0), 0.0), 3.0, 100
+    config = RaysConfig()
+    rays = int(2 * np.pi * 200.0)
+    # in the middle of rays, beyond those on which the band is as narrow as the blur
+    angles = 2 * np.pi * (np.arange(300, 300 + 3 * count, 3) + 0.5) / rays
+    outward = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    radii = 200.0 + aside_px + np.array([-0.5, 0.5])[:, None, None] * gap_px
+    points, normals = (circle.center + radii * outward).reshape(-1, 2), np.concatenate([outward, -outward])
+    edges = EdgePoints(points, normals, np.ones(2 * count), np.ones(2 * count), 1.0, 0.7, (1.0, 2.0))
+    along = np.linspace(0.0, 2 * np.pi, 720, endpoint=False)
+    centreline = centreline_of(along, np.zeros(720), np.where(along < 1.0, 1.0, gap_px))
+    outer, inner, told, rejected = _pair_edges(edges, circle, centreline, gap_px / 200.0, config, 1.0)
+    assert told == rays
+    assert sorted(inner) == list(range(count if is_pair else 0))
+    np.testing.assert_array_equal(outer, inner + count)
+    assert len(rejected) == (0 if is_pair else 2 * count)

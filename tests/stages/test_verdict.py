@@ -25,7 +25,7 @@ from circlecal.results import (
     OtherSize,
     Verdict,
 )
-from circlecal.stages.verdict import VerdictConfig, judge
+from circlecal.stages.verdict import VerdictConfig, judge, renew_sigmas
 from circlecal.stages.verdict_on_picture import is_confirmed
 
 from .conftest import CIRCLE, SOCCER, fit_of, fits_of, line_cue, true_conic, view
@@ -604,3 +604,37 @@ def test_a_circle_with_another_straight_marking_through_it_is_a_penalty_arc(x_m,
     chord = replace(LINE, name=None, points_px=chord_px, sigma_px=np.full(60, 0.3))
     found = verdict(camera_fit(names_by_line=names), cues=Cues(halfway, None, (chord,)))
     assert (found.code == "paint_unexplained") == is_refused
+
+
+@pytest.mark.parametrize(
+    ("changes", "fails"),
+    [
+        ({}, None),
+        ({"max_sigma_px": 1.01 * CONFIG.max_sigma_px * CAMERA.width / 1920.0}, "sigma_px"),
+        ({"mean_sigma_px": 1.01 * CONFIG.max_mean_sigma_px * CAMERA.width / 1920.0}, "mean_sigma_px"),
+        ({"max_sigma_m": 1.01 * CONFIG.max_sigma_m}, "sigma_m"),
+    ],
+)
+def test_a_camera_that_became_too_uncertain_since_is_refused(changes, fails):
+    before = verdict(camera_fit())
+    camera = camera_fit(**{"max_sigma_px": 3.0, "mean_sigma_px": 1.5, "max_sigma_m": 0.2} | changes)
+    after = renew_sigmas(before, camera)
+    assert (before.status, after.status) == ("calibrated", "calibrated" if fails is None else "refused")
+    if fails is not None:
+        assert (after.code, after.stage) == (CHECKS[fails].code, "verdict")
+    told = {check.name: check.value for check in after.checks if "sigma" in check.name}
+    assert told == {
+        "sigma_px": camera.max_sigma_px,
+        "mean_sigma_px": camera.mean_sigma_px,
+        "sigma_m": camera.max_sigma_m,
+    }
+    assert [(c.name, c.limit) for c in after.checks] == [(c.name, c.limit) for c in before.checks]
+    assert [c.name for c in after.checks if not c.passed] == ([] if fails is None else [fails])
+
+
+def test_a_refused_frame_keeps_its_reason_when_its_camera_becomes_less_certain():
+    before = verdict(camera_fit(residuals_px={"centre_circle outer": 30.0}))
+    after = renew_sigmas(before, camera_fit(max_sigma_px=1e6))
+    assert (after.status, after.code) == ("refused", before.code)
+    assert before.code != CHECKS["sigma_px"].code
+    assert not after.check("sigma_px").passed
