@@ -128,7 +128,7 @@ def test_eliminated_covariance_is_the_dense_one(scene):
     normal = dense_normal(state)
     size = np.sqrt(np.diag(normal))
     dense = np.linalg.inv(normal / np.outer(size, size)) / np.outer(size, size)
-    found = joint_covariances(problem, state)
+    found = joint_covariances(state)
     frames, own, _ = state.H_oc.shape
     for f in range(frames):
         mapping = np.zeros((len(PARAMETERS), len(dense)))
@@ -160,7 +160,7 @@ def test_a_frame_under_what_the_others_say_is_the_joint_frame(scene, zoom, devia
     )
     fitted = minimise(alone, scene[1][1:2])
     difference = fitted.theta[0] - state.theta[1]
-    spread = joint_covariances(problem, state)[1]
+    spread = joint_covariances(state)[1]
     sigma = np.sqrt(np.diag(spread))
     moving = sigma > 0
     # the change with the zoom is taken at its mean in the single frame
