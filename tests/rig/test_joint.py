@@ -124,7 +124,7 @@ def test_optimum_has_no_gradient_and_no_worse_cost_than_the_truth(scene):
 
 
 def test_eliminated_covariance_is_the_dense_one(scene):
-    problem, state = joint(scene)
+    _, state = joint(scene)
     normal = dense_normal(state)
     size = np.sqrt(np.diag(normal))
     dense = np.linalg.inv(normal / np.outer(size, size)) / np.outer(size, size)

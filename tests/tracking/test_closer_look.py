@@ -251,7 +251,7 @@ def test_a_frame_of_a_gap_that_cannot_be_decoded_shifts_no_time(monkeypatch: pyt
 def test_the_gap_with_the_largest_turn_is_followed_first() -> None:
     nothing = MeasuredFrame.unseen(np.zeros(1, np.int_))
     pans = {0.0: 0.0, 1.0: 0.1, 2.0: -0.2, 3.0: 0.0, 3.2: 0.0, 9.0: 0.9}
-    members = [HeadedFrame(f"{time_s:.3f}", HEAD + [0.0, pan, 0.0], nothing) for time_s, pan in pans.items()]
+    members = [HeadedFrame(f"{time_s:.3f}", HEAD + np.array([0.0, pan, 0.0]), nothing) for time_s, pan in pans.items()]
     assert HeadPath.of(members).gaps() == [(1.0, 2.0), (2.0, 3.0), (0.0, 1.0)]
 
 

@@ -51,7 +51,7 @@ def test_how_sure_a_motion_is_hangs_on_no_resolution() -> None:
 
     def sds(size: tuple[int, int]) -> np.ndarray:
         camera = tripod().resize(size)
-        head = HEAD + [np.log(size[0] / 1280.0), 0.0, 0.0]
+        head = HEAD + np.array([np.log(size[0] / 1280.0), 0.0, 0.0])
         flow = Flow(*(camera.view(at, np.zeros((3, 3))).project(points) for at in (head, head + change)))
         found = estimate_motion(flow, head, camera.model, camera.mean, np.random.default_rng(1), size[0] / 640.0)
         assert found is not None
