@@ -95,12 +95,6 @@ class ResultIndex:
         rows = self._database.execute("SELECT id, mask FROM frames WHERE mask IS NOT NULL")
         return {str(name): str(mask) for name, mask in rows}
 
-    def last_id(self, prefix: str) -> str | None:
-        """The last of the ids that begin so, in their order; None where there is none."""
-        query = "SELECT max(id) FROM frames WHERE id >= ? AND id < ?"
-        found = self._database.execute(query, (prefix, prefix + _LAST_ID)).fetchone()[0]
-        return None if found is None else str(found)
-
     def __len__(self) -> int:
         return int(self._database.execute("SELECT count(*) FROM frames").fetchone()[0])
 

@@ -167,9 +167,10 @@ def _join_rigs(
         if group.beside is not None and _stand_together(rig, joined[group.beside], config):
             joined[group.beside] = _choose_larger(joined[group.beside], rig)
             continue
-        left_out = tuple(frame for frame in group.frames if frame.id in rig.left_out)
+        left_out = [k for k, frame in enumerate(group.frames) if frame.id in rig.left_out]
         if len(left_out) >= config.rig.least_frames:
-            rest.append(_Group(group.name, left_out, (False,) * len(left_out), len(joined)))
+            members = _choose_members(group.name, group.frames, group.turned, left_out)
+            rest.append(replace(members, beside=len(joined)))
         joined.append(replace(rig, members=tuple(frame.id for frame in group.frames)))
     return joined, rest
 

@@ -12,8 +12,8 @@ from circlecal.rig.joint import JointProblem, JointState
 
 
 def frame_information(state: JointState) -> tuple[Array, Array]:
-    """What each frame says of the common parameters: precisions (F, K + Z, K + Z) and gradients (F, K + Z) after its
-    own parameters are eliminated.
+    """What each frame says of the common parameters: precisions (F, C, C) and gradients (F, C), with C = K + Z + T,
+    after its own parameters are eliminated.
     """
     solved = np.linalg.solve(state.H_oo, np.concatenate([state.H_oc, state.g_o[..., None]], axis=2))
     precision = state.H_cc - np.swapaxes(state.H_oc, 1, 2) @ solved[..., :-1]
@@ -96,7 +96,7 @@ def deletion_gains(state: JointState) -> Array:
     return np.array([g @ invert_normal(total - own) @ g for own, g in zip(precision, gradient, strict=True)])
 
 
-def joint_covariances(problem: JointProblem, state: JointState) -> Array:
+def joint_covariances(state: JointState) -> Array:
     """Covariances (F, P, P) of the frames' parameter vectors, with what all the others bring."""
     precision, _ = frame_information(state)
     common = invert_normal(state.H_common + precision.sum(axis=0))

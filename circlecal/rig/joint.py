@@ -239,22 +239,22 @@ class JointState(OneStart):
 
     Attributes
     ----------
-    own, common : (F, O + D), (K + Z,) arrays
-        Parameters.
+    own, common : (F, O + D), (C,) arrays
+        Parameters; of the common ones there are C = K + Z + T.
     theta : (F, P) array
         The frames' parameter vectors.
     feet : tuple of (1, N) arrays
         Foot parameters of each frame's points.
     costs, common_cost : (F,) array, float
-        Cost of each frame, with the priors of what is its own, and that of the shared priors.
+        Cost of each frame, with the priors of what is its own, and that of the priors of the common parameters.
     by_own, by_common : arrays
         As :meth:`JointProblem.mappings`.
-    H_oo, H_oc, H_cc : (F, O + D, O + D), (F, O + D, K + Z), (F, K + Z, K + Z) arrays
+    H_oo, H_oc, H_cc : (F, O + D, O + D), (F, O + D, C), (F, C, C) arrays
         Gauss-Newton blocks of each frame.
-    g_o, g_c : (F, O + D), (F, K + Z) arrays
+    g_o, g_c : (F, O + D), (F, C) arrays
         Gradients of each frame.
-    H_common, g_common : (K + Z, K + Z), (K + Z,) arrays
-        Gauss-Newton matrix and gradient of the shared priors.
+    H_common, g_common : (C, C), (C,) arrays
+        Gauss-Newton matrix and gradient of the priors of the common parameters.
     """
 
     own: Array
@@ -344,7 +344,7 @@ def start_state(problem: JointProblem, theta: Array, turning: Array | None = Non
 def evaluate_joint(
     problem: JointProblem, own: Array, common: Array, feet: Sequence[Array], updates: int = 1
 ) -> JointState:
-    """Costs, gradients and Gauss-Newton blocks at own (F, O + D) and common (K + Z,) parameters."""
+    """Costs, gradients and Gauss-Newton blocks at own (F, O + D) and common (K + Z + T,) parameters."""
     theta = problem.thetas(own, common)
     states = [evaluate(f, t[None], h, updates) for f, t, h in zip(problem.frames, theta, feet, strict=True)]
     normal = np.stack([s.normal[0] for s in states])

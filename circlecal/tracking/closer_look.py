@@ -185,21 +185,21 @@ def _follow_gaps(
         if len(times) > left:
             continue
         left -= len(times)
-        pictures = [picture for picture in pictures_at(times) if picture is not None]
-        sides = ((0, start), (len(pictures) - 1, end))
+        shown = {k: picture for k, picture in enumerate(pictures_at(times)) if picture is not None}
+        sides = ((0, start), (len(times) - 1, end))
         known = {k: KnownHead(path.at(t), path.blur_at_gap(t, place.tripod, period_s)) for k, t in sides}
         follower = Follower(Venue(place.template.name, (place.tripod,)), config, place.template, StageClock(), known)
-        entries = [follower.follow(ClipFrame(k, times[k], picture)) for k, picture in enumerate(pictures)]
-        for k in range(1, len(entries) - 1):
-            before, entry, after = entries[k - 1 : k + 2]
+        entries = [follower.follow(ClipFrame(k, times[k], picture)) for k, picture in shown.items()]
+        for before, entry, after in zip(entries, entries[1:], entries[2:], strict=False):
             if not entry.is_confirmed or before.place is None or after.place is None or before.shot != after.shot:
                 continue
-            turn = SHUTTER * (after.head - before.head) / 2.0
+            turn = SHUTTER * (after.head - before.head) / (after.index - before.index)
             blur = move_of_middle(turn, entry.head, place.tripod.model, place.tripod.mean)
-            seen = LookedAt.of(pictures[k], config.mask).take_surface(colour)
+            seen = LookedAt.of(shown[entry.index], config.mask).take_surface(colour)
             look = _look_closely(place, seen, entry.head, blur)
             if look.is_confirmed:
-                found.append(HeadedFrame(f"{start + k * period_s:.3f}", look.fit.head, look.measured))
+                name = f"{start + entry.index * period_s:.3f}"
+                found.append(HeadedFrame(name, look.fit.head, look.measured))
     return found
 
 

@@ -115,15 +115,12 @@ def _read_curves(template_json: str) -> DrawnTemplate:
     names, nodes, shifts = template.outlines
     round_ones = (*template.circles, *template.arcs)
     ends = [(0.0, 360.0)] * len(template.circles) + [(arc.start_deg, arc.end_deg) for arc in template.arcs]
-    K, C = len(names), len(round_ones)
+    K = len(names)
     center, radius, first, last, by_width = np.zeros((K, 2)), *np.zeros((4, K))
     for k, (circle, (start, end)) in enumerate(zip(round_ones, ends, strict=True)):
         center[k], radius[k] = circle.center, template.radius(circle, "center")
         first[k], last[k] = np.radians(start), np.radians(end)
         by_width[k] = template.radius(circle, "center", 1.0) - template.radius(circle, "center", 0.0)
-    shifts = shifts.copy()
-    # the arcs of the penalty areas move with the goal lines
-    shifts[:C, 1, 0] = np.where(np.abs(center[:C, 0]) > 1.0, np.sign(center[:C, 0]) / 2.0, 0.0)
     stretches = np.array([template.growth_of(marking)[1] for marking in nodes])
     own_width_m = np.array([element.width_m or 0.0 for element in (*round_ones, *template.lines)])
     painters = template.placement_sd_m, template.radius_sd_m

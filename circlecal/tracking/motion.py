@@ -48,8 +48,10 @@ SHUTTER = 0.5
 """Share of the time between neighbouring frames of the video, all of which need not be looked at, during which the
 shutter is open.
 """
-FLOOR_PX = 0.01
-"""What no number of corners lowers of the motion's standard deviation, reduced pixels."""
+FLOOR_PX, ZOOM_LEVER_PX = 0.01, 250.0
+"""What no number of corners lowers of the motion's standard deviation, reduced pixels, and how far from the middle of
+the picture so much tells the zoom, pixels at 1920 px width.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -278,8 +280,9 @@ def estimate_motion(
     if inliers < LEAST_INLIERS or inliers < LEAST_SHARE * count:
         return None
     covariance = np.linalg.inv(normal) * scale**2
-    floor = FLOOR_PX * factor / np.exp(head[0])
-    covariance = 2.0 * covariance + np.diag((np.array([2.0 * floor * np.exp(head[0]) / 500.0, floor, floor])) ** 2)
+    unit, focal_px = model.projection.width / 1920.0, float(np.exp(head[0]))
+    floors = FLOOR_PX * factor / np.array([ZOOM_LEVER_PX * unit, focal_px, focal_px])
+    covariance = 2.0 * covariance + np.diag(floors**2)
     covariance += np.diag((BIAS_SHARE * change) ** 2)
     return HeadMotion(change, covariance, inliers / count, inliers)
 

@@ -107,16 +107,19 @@ def run_track(
     with ResultLog(out, restart) as log:
         log.take_up(run.digest)
         report = TrackReport(BatchProgress(total=sum(video.estimate_count(run.sampling) for video in videos)))
+        ends_s: dict[str, float] = {}
         for row in log.index.rows():
             report.progress.count(row.status, row.code)
             report.progress.resumed += 1
+            clip = clip_of(row.id)
+            ends_s[clip] = max(ends_s.get(clip, 0.0), frame_time(row.id))
         shots, sources = _read_clips(out)
         for video in videos:
             for source in sources.get(video.name, {}).values():
                 require_own(source, video.path, out, "frames")
         paths = {video.name: _venue_path(out, video, len(videos) == 1, restart) for video in videos}
         parts = {
-            video.name: stretches_of(video, run, list_frames(video, run), _last_time_s(log, video)) for video in videos
+            video.name: stretches_of(video, run, list_frames(video, run), ends_s.get(video.name)) for video in videos
         }
         try:
             before = {} if restart else _venues_before(videos, paths, run)
@@ -223,12 +226,6 @@ class _Writer:
         self._log.append(Finished.of(record))
         self._progress.count(record.status, record.code)
         self._on_progress(self._progress)
-
-
-def _last_time_s(log: ResultLog, video: Video) -> float | None:
-    """Time of the last frame of a clip that is written, seconds."""
-    name = log.index.last_id(f"{video.name}_")
-    return None if name is None else frame_time(name)
 
 
 def _surveys(

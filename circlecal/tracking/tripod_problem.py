@@ -255,7 +255,7 @@ class TripodProblem:
         count = 1 + max((int(part.max(initial=0)) for part in part_of), default=0)
         left = np.zeros((count, by_errors.shape[1]))
         moved = self.move_by_errors(at, loss_scale, by_errors)
-        for part, paint, by_error in zip(part_of, self.paint(at.heads, at.common), moved, strict=True):
+        for part, paint, by_error in zip(part_of, at.paint, moved, strict=True):
             left += add_by_part(part, count, paint.weights(loss_scale)[:, None] * by_error)
         return float((left**2).sum())
 

@@ -192,7 +192,8 @@ def test_recognised_lines_get_their_names_back(mixed):
     assert restore_names(far, ["halfway_line"], frame.theta, TEMPLATE, model).lines[0].line is None
 
 
-def test_two_cameras_side_by_side_are_told_apart(mixed):
+@pytest.mark.parametrize("is_turned", [False, True])
+def test_two_cameras_side_by_side_are_told_apart(mixed, is_turned):
     frames, main, _ = mixed
     rng = np.random.default_rng(12)
     step = np.array([4.0, 0.0, 0.0])
@@ -201,6 +202,8 @@ def test_two_cameras_side_by_side_are_told_apart(mixed):
         replace(c, angles_rad=c.angles_rad - np.array([np.arctan2(step[0], c.position_m[1]), 0.0, 0.0])) for c in views
     ]
     near = [displaced(calibrated(f"n{k}", c, rng), (0.0, 0.0, 0.0), 3.0) for k, c in enumerate(views)]
+    if is_turned:
+        near[0] = replace(near[0], theta=near[0].turn_field())
     ours = [f for f in frames if f.id.startswith("m")]
     vague = [displaced(f, (0.0, 0.0, 0.0), 3.0) for f in ours]
     rigs = rigs_of([*vague, *near])

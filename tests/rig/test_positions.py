@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from circlecal.rig.positions import group_positions
+from circlecal.rig.positions import _find_largest_group, group_positions
 
 MAIN, GOAL = np.array([3.0, 62.0, -15.0]), np.array([-75.0, 1.0, -12.0])
 
@@ -53,3 +53,14 @@ def test_nothing_to_group():
     assert group_positions(np.zeros((0, 3)), np.zeros((0, 3, 3)))[0].shape == (0,)
     assert group_positions(MAIN[None], np.eye(3)[None])[0].tolist() == [-1]
     assert group_positions(MAIN[None], np.eye(3)[None], 1)[0].tolist() == [0]
+
+
+def test_what_a_turned_position_says_is_turned_with_it():
+    """Two frames of a camera that leave open how far it stands along one way are as vague along that together."""
+    _, (covariance,) = drawn(np.array([-40.0, 45.0, -12.0]), (3.0, 0.3, 0.3), np.random.default_rng(4), 1)
+    place, turn = np.array([-40.0, 45.0, -12.0]), np.array([-1.0, -1.0, 1.0])
+    _, fused, agree = _find_largest_group(
+        np.array([place, turn * place]), np.array([covariance, covariance * np.outer(turn, turn)])
+    )
+    assert agree.all()
+    np.testing.assert_allclose(fused, covariance / 2.0, rtol=1e-6, atol=1e-9)

@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from circlecal.geometry.camera_parameters import INDEX
 from circlecal.observations import Observations
 from circlecal.pipeline import run_observations
 from circlecal.records.writing import result_record
 from circlecal.rig.estimation import estimate_rigs
 from circlecal.rig.frames import RigFrame
-from circlecal.rig.recalibration import recalibrate
+from circlecal.rig.recalibration import _try_rig, find_refusal, recalibrate
 from circlecal.rig.run import RecordedFrame, RigTask, accept_short_arcs
 from circlecal.synthetic.markings import line_points
 
@@ -122,3 +123,35 @@ def test_a_refused_frame_is_looked_at_with_the_camera_that_its_points_fit(
     assert len(looks) == 2
     assert found.status == ("calibrated" if shows_markings else "refused")
     assert found.rig.camera == (rigs[0].name if shows_markings else None)
+
+
+def test_a_frame_that_founded_a_camera_keeps_it_however_much_worse_it_fits_than_alone(cameras):
+    rigs, frames, *_ = cameras
+    rig, frame = rigs[0], frames[0]
+
+    def calibrate(config):
+        return run_observations(frame.observations, config, frame_id=frame.id, convention="paint")
+
+    def fit(name, excess):
+        return _try_rig(replace(frame, id=name), rig, calibrate, lambda *_: 1.0, lambda *_: excess, CONFIG)
+
+    limit = CONFIG.rig.maximum_chi_square_increase
+    assert frame.id in rig.used and fit(frame.id, 1e9).calibration is not None
+    assert fit("another", 0.9 * limit).calibration is not None
+    refused = fit("another", 1.1 * limit)
+    assert refused.calibration is None and "worse than a camera of its own" in refused.reason
+
+
+@pytest.mark.parametrize("sigmas", [0.0, 20.0])
+def test_a_calibration_that_stands_elsewhere_is_of_another_camera(cameras, sigmas):
+    rigs, frames, *_ = cameras
+    rig, frame = rigs[0], frames[0]
+    found = run_observations(frame.observations, CONFIG, frame_id=frame.id, convention="paint")
+    prior = rig.prior(frame.id, rig.state.theta[0])
+    theta = rig.state.theta[0].copy()
+    at = prior.parameters.index("y")
+    theta[INDEX["y"]] = prior.mean[at] + sigmas * prior.frame_sd[at]
+    moved = replace(found.attempt.camera, theta=theta)
+    found = replace(found, attempt=replace(found.attempt, camera=moved))
+    reason = find_refusal(found, frame, rig)
+    assert reason is None if sigmas == 0.0 else f"another one than {rig.name}" in reason

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from circlecal.config import load_config
-from circlecal.geometry.camera_parameters import ANGLES, INDEX, POSITION
+from circlecal.geometry.camera_parameters import ANGLES, INDEX, PARAMETERS, POSITION
 from circlecal.rig.estimation import _stand_together, config_with_prior, estimate_rigs
+from circlecal.rig.information import estimate_common
 from circlecal.rig.run import RigReport
+from circlecal.rig.tripod import PLACE
 from circlecal.rig.tripod_of_rig import tripod_of_rig
 from circlecal.synthetic.cameras import aim_camera
 
@@ -68,3 +70,15 @@ def test_the_head_of_a_camera_beyond_the_far_touchline_moves_as_little_as_that_o
     tripod = tripod_of_rig(rig)
     assert tripod.head_high[1] - tripod.head_low[1] < 0.2
     assert tripod.head_low[1] < np.pi < tripod.head_high[1]
+
+
+def test_what_single_frames_may_deviate_makes_a_tripod_less_certain(frames):
+    deviating = ("rig.position_deviation_m=0.3", "rig.roll_deviation_deg=0.2")
+    (rig,) = estimate_rigs(frames, TEMPLATE, CIRCLE, load_config(None, [*SETTINGS, *deviating]))
+    _, spread = estimate_common(rig.problem, rig.state)
+    told, shared = tripod_of_rig(rig).covariance, [PARAMETERS[k] for k in rig.problem.shared]
+    for name, place, sd in (("y", "axis_y", 0.3), ("roll", "head_roll", np.radians(0.2)), ("crown", "crown", 0.0)):
+        own = spread[shared.index(name), shared.index(name)] if name in shared else 0.0
+        assert told[PLACE[place], PLACE[place]] == pytest.approx(own + sd**2, rel=1e-9)
+    off_diagonal = spread[shared.index("x"), shared.index("y")]
+    assert told[PLACE["axis_x"], PLACE["axis_y"]] == pytest.approx(off_diagonal, rel=1e-9)

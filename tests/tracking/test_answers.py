@@ -11,7 +11,7 @@ from circlecal.config import load_config
 from circlecal.overlay.template_lines import count_sigma_from_seen
 from circlecal.pipeline import field_of
 from circlecal.rig.tripod import COMMON, PLACE
-from circlecal.tracking.answers import SigmaLimits, answer_shot
+from circlecal.tracking.answers import DRIFT_SD, SigmaLimits, _chain_of, answer_shot
 from circlecal.tracking.entry import Entry
 from circlecal.tracking.looking import LookedAt, Place
 from circlecal.tracking.motion import HeadMotion
@@ -132,3 +132,21 @@ def test_the_limits_follow_those_of_the_configuration() -> None:
     unit = SIZE[0] / 1920.0
     assert codes(1.1 * sigma_px / unit) == {None}
     assert codes(0.9 * sigma_px / unit) == {"too_uncertain"}
+
+
+def test_what_motions_leave_open_beside_their_own_noise_counts() -> None:
+    entries = _entries([0, 0, 0])
+    chain = _chain_of(entries)
+    left = 1e-8 * np.eye(3) + np.diag(np.square(DRIFT_SD))
+    np.testing.assert_allclose(np.linalg.inv(chain.precision), [left, left])
+
+
+@pytest.mark.parametrize("confirmed", [(0, 1), (2, 3)])
+def test_frames_confirmed_beyond_a_motion_that_is_not_known_say_nothing(confirmed: tuple[int, ...]) -> None:
+    entries = _entries([0] * 4)
+    for k, entry in enumerate(entries):
+        entry.is_confirmed, entry.is_in_place = k in confirmed, True
+    assert [frame.code for frame in answer_shot(entries, 4, LIMITS)] == [None] * 4
+    entries[2].motion = None
+    codes = [frame.code for frame in answer_shot(entries, 4, LIMITS)]
+    assert codes == [None if k in confirmed else "paint_missing" for k in range(4)]

@@ -224,6 +224,37 @@ def test_a_fast_pan_between_frames_is_followed(monkeypatch: pytest.MonkeyPatch) 
     assert not asked
 
 
+def test_a_frame_of_a_gap_that_cannot_be_decoded_shifts_no_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    step = np.array([0.0, 0.06 / 7, 0.0])
+    way = [HEAD + k * step for k in range(8)]
+    pictures = [draw(head, np.random.default_rng(k)) for k, head in enumerate(way)]
+    blurs: list[Array] = []
+    look_closely = closer_look._look_closely
+
+    def look(place: Place, picture: LookedAt, head: Array, blur_px: Array) -> Look:
+        blurs.append(blur_px)
+        return look_closely(place, picture, head, blur_px)
+
+    monkeypatch.setattr(closer_look, "_look_closely", look)
+    measured = [measure_ideal(head, np.zeros(2), 0.1, np.random.default_rng(1)) for head in (way[0], way[-1])]
+    ends = [HeadedFrame("0.000", way[0], measured[0]), HeadedFrame("0.700", way[-1], measured[1])]
+    shown = [None if k == 3 else picture for k, picture in enumerate(pictures)]
+    place = Place.of(tripod(), template())
+    found = closer_look._follow_gaps(place, HeadPath.of(ends), lambda _: iter(shown), load_config(), None, 0.1)
+    assert [frame.name for frame in found] == ["0.100", "0.200", "0.400", "0.500", "0.600"]
+    for frame in found:
+        np.testing.assert_allclose(frame.head, HEAD + 10.0 * float(frame.name) * step, atol=4e-4)
+    # beside the missing one too the picture moves by as much a frame
+    np.testing.assert_allclose([abs(blur[0]) for blur in blurs], 0.5 * step[1] * 1500.0, rtol=0.15)
+
+
+def test_the_gap_with_the_largest_turn_is_followed_first() -> None:
+    nothing = MeasuredFrame.unseen(np.zeros(1, np.int_))
+    pans = {0.0: 0.0, 1.0: 0.1, 2.0: -0.2, 3.0: 0.0, 3.2: 0.0, 9.0: 0.9}
+    members = [HeadedFrame(f"{time_s:.3f}", HEAD + np.array([0.0, pan, 0.0]), nothing) for time_s, pan in pans.items()]
+    assert HeadPath.of(members).gaps() == [(1.0, 2.0), (2.0, 3.0), (0.0, 1.0)]
+
+
 def test_a_followed_gap_tells_how_far_the_frames_beside_it_are_smeared(monkeypatch: pytest.MonkeyPatch) -> None:
     rng, turn = np.random.default_rng(6), np.array([0.0, -0.1, 0.0])
 

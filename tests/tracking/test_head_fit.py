@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from circlecal.tracking.frame_paint import number_parts
-from circlecal.tracking.head_fit import LinearPaint, fit_head
+from circlecal.tracking.head_fit import HeadFit, LinearPaint, fit_head
 from circlecal.tracking.markings import template_curves
 from tests.tracking.scenes import HEAD, measure_ideal, template, tripod
 
@@ -51,3 +51,28 @@ def test_a_head_is_found_from_far_beside_it_as_from_near() -> None:
     assert np.abs((far.head - near.head) * [640.0, 1500.0, 1500.0]).max() < 0.01
     assert far.inlier_share > 0.98
     np.testing.assert_allclose(far.information, near.information, rtol=0.02)
+
+
+def test_a_head_that_is_known_as_well_as_its_paint_tells_it_lies_half_way_between() -> None:
+    drawn, away = template_curves(template()), np.array([2e-4, 1e-4, -1e-4])
+    measured = measure_ideal(HEAD, np.zeros(2), 0.05, np.random.default_rng(9))
+
+    def fit(prior: np.ndarray, start: np.ndarray) -> HeadFit:
+        return fit_head(measured, LinearPaint.of(measured, start, tripod(), drawn), prior, tripod(), drawn)
+
+    alone = fit(np.zeros((3, 3)), HEAD)
+    both = fit(alone.information, alone.head + away)
+    np.testing.assert_allclose(both.head - alone.head, away / 2.0, rtol=0.05)
+
+
+def test_a_fitted_head_follows_what_is_shared_as_it_was_followed_before() -> None:
+    """By the share of its information that was known before."""
+    rng, drawn, camera = np.random.default_rng(9), template_curves(template()), tripod()
+    measured, prior = measure_ideal(HEAD, np.zeros(2), 0.1, rng), np.diag([3e6, 1e6, 2e6])
+    start = LinearPaint.of(measured, HEAD, camera, drawn)
+    before = rng.normal(size=(3, len(camera.mean)))
+    without = fit_head(measured, start, prior, camera, drawn)
+    found = fit_head(measured, start, prior, camera, drawn, before)
+    share = np.linalg.solve(found.information + prior, prior)
+    np.testing.assert_allclose(found.by_common - without.by_common, share @ before, rtol=1e-6, atol=1e-9)
+    assert np.abs(share).max() > 0.01

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from circlecal.field import load_field
+from circlecal.field.loading import field_names
 from circlecal.field.view import FieldView
 from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel, project, theta_of
 from circlecal.geometry.projective import Array
@@ -247,3 +248,12 @@ def test_wide_lines_of_a_rink_are_as_wide_as_their_template_says() -> None:
     assert is_wide.any() and not is_wide.all()
     np.testing.assert_allclose(width_m[is_wide], rink.line_by_name["centre_line"].width_m)
     np.testing.assert_allclose(width_m[~is_wide], 0.05)
+
+
+def test_curves_move_with_the_field_as_its_template_says() -> None:
+    # the middle of a circle at 0.6 m beside the middle of the field belongs to one end
+    circle = load_field("soccer").circles[0].model_copy(update={"name": "beside", "center": (0.6, 0.0)})
+    other = load_field("soccer").model_copy(update={"circles": (*load_field("soccer").circles, circle)})
+    for field in (other, *(load_field(name) for name in field_names())):
+        np.testing.assert_array_equal(template_curves(field).shifts, field.outlines[2])
+    assert template_curves(other).shifts[1, 1, 0] == 0.5

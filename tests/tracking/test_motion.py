@@ -9,7 +9,15 @@ import numpy as np
 import pytest
 
 from circlecal.tracking import motion
-from circlecal.tracking.motion import CornerTrail, Flow, SmallPicture, estimate_motion, find_corners, follow_corners
+from circlecal.tracking.motion import (
+    CornerTrail,
+    Flow,
+    HeadMotion,
+    SmallPicture,
+    estimate_motion,
+    find_corners,
+    follow_corners,
+)
 from tests.tracking.scenes import HEAD, tripod
 
 
@@ -32,6 +40,43 @@ def test_most_corners_tell_the_motion() -> None:
     assert np.abs((found.change - change) * [640.0, 1500.0, 1500.0]).max() < 0.25
     away = found.change - change
     assert away @ np.linalg.solve(found.covariance, away) < 16.0
+
+
+def test_how_sure_a_motion_is_hangs_on_no_resolution() -> None:
+    """Corners that agree leave the floor alone, which is told in reduced pixels."""
+    points, change = (
+        np.random.default_rng(5).uniform([-50.0, -30.0], [10.0, 30.0], (150, 2)),
+        np.array([0.0, 2e-3, 0.0]),
+    )
+
+    def sds(size: tuple[int, int]) -> np.ndarray:
+        camera = tripod().resize(size)
+        head = HEAD + np.array([np.log(size[0] / 1280.0), 0.0, 0.0])
+        flow = Flow(*(camera.view(at, np.zeros((3, 3))).project(points) for at in (head, head + change)))
+        found = estimate_motion(flow, head, camera.model, camera.mean, np.random.default_rng(1), size[0] / 640.0)
+        assert found is not None
+        return np.sqrt(np.diag(found.covariance))
+
+    usual = sds((1920, 1080))
+    # 0.01 reduced pixels, 0.03 whole ones, at 250 px from the middle, and at a focal length of 2250 px
+    assert (usual > 0.9 * np.array([0.03 / 250.0, 0.03 / 2250.0, 0.03 / 2250.0])).all()
+    np.testing.assert_allclose(sds((960, 540)), usual, rtol=1e-3)
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_a_motion_is_wrong_by_a_share_of_itself(axis: int) -> None:
+    points = np.random.default_rng(5).uniform([-50.0, -30.0], [10.0, 30.0], (150, 2))
+
+    def tell(size: float) -> HeadMotion:
+        change = size * np.eye(3)[axis]
+        before, after = (tripod().view(head, np.zeros((3, 3))).project(points) for head in (HEAD, HEAD + change))
+        found = estimate_motion(Flow(before, after), HEAD, tripod().model, tripod().mean, np.random.default_rng(1), 2.0)
+        assert found is not None
+        return found
+
+    still, moved = tell(0.0), tell(0.03)
+    more = np.diag(moved.covariance - still.covariance)[axis]
+    assert np.sqrt(more) == pytest.approx(motion.BIAS_SHARE * 0.03, rel=0.02)
 
 
 def test_no_motion_is_told_where_corners_disagree() -> None:

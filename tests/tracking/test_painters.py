@@ -20,6 +20,7 @@ from circlecal.tracking.markings import DrawnTemplate, grow_places, template_cur
 from circlecal.tracking.painters import align_errors, move_by_errors, name_errors
 from circlecal.tracking.results import TrackedFrame
 from circlecal.tracking.tripod_fit import common_priors, fit_tripod
+from circlecal.tracking.tripod_problem import BEYOND_PARTS, TripodProblem, TripodState
 from tests.tracking.scenes import HEAD, SIZE, draw, measure_ideal, template, tripod
 
 PAINTED = replace(template_curves(template()), placement_sd_m=0.05, radius_sd_m=0.03)
@@ -150,3 +151,30 @@ def test_painters_widen_an_answer_and_refuse_none(picture: LookedAt) -> None:
             np.hypot(0.01, moved_m), rel=0.05
         )
         assert frame.sigma_m is not None and usual.sigma_m is not None and frame.sigma_m > usual.sigma_m
+
+
+def problem_of(frames: list[HeadedFrame], prior_sd: float) -> tuple[TripodProblem, TripodState]:
+    """Frames of a tripod that is known so well, at the tripod."""
+    mean, precision = tripod().mean, np.eye(len(COMMON)) / prior_sd**2
+    free = np.array([PLACE[name] for name in ("axis_x", "axis_y", "axis_z", "lean_x", "lever")])
+    problem, heads, common = TripodProblem.of(frames, tripod(), PAINTED, mean, precision, free, 1.0)
+    return problem, problem.evaluate(heads, common, 2.0)
+
+
+def test_a_tripod_that_is_known_follows_errors_as_what_is_known_of_it_does(frames: list[HeadedFrame]) -> None:
+    known = np.random.default_rng(3).normal(size=(len(COMMON), len(name_errors(PAINTED))))
+    problem, at = problem_of(frames, 1e-9)
+    follows = problem.follow_errors(at, 2.0, known)
+    np.testing.assert_allclose(follows[problem.free], known[problem.free], atol=1e-3)
+
+
+def test_paint_that_is_off_by_painters_errors_has_no_greater_spread(frames: list[HeadedFrame]) -> None:
+    rng, nothing = np.random.default_rng(7), np.zeros((len(COMMON), len(name_errors(PAINTED))))
+    spread = []
+    for _ in range(20):
+        errors = rng.normal(size=len(name_errors(PAINTED)))
+        problem, at = problem_of([paint_beside(frame, PAINTED, errors) for frame in frames], 1e-9)
+        spread.append([problem.measure_spread(at, 2.0, PART_M, by_errors) for by_errors in (None, nothing)])
+    without, told = np.mean(spread, axis=0)
+    assert 0.5 * BEYOND_PARTS < told < 2.0 * BEYOND_PARTS
+    assert without > 5.0 * told

@@ -302,6 +302,37 @@ def test_one_bad_clip_does_not_stop_the_others(tmp_path, engine):
     assert sorted(lines(tmp_path / "out"), key=lambda line: line["id"]) == lines(tmp_path / "whole")
 
 
+def test_a_clip_whose_name_begins_that_of_another_is_tracked_beside_it(tmp_path, engine):
+    for name in ("cam_2", "cam"):
+        run_track([open_clip(tmp_path, name, 12)], clip_run(), tmp_path / "out")
+    found = [line["id"].rpartition("_")[0] for line in lines(tmp_path / "out")]
+    assert found == ["cam_2"] * 12 + ["cam"] * 12
+
+
+def test_clips_of_which_one_name_begins_the_other_are_taken_up_behind_their_own_last_frames(tmp_path, engine):
+    engine.setattr(stretches, "STRETCH_S", 1.0)
+    engine.setattr(stretches, "MARGIN_S", 0.0)
+    videos = [open_clip(tmp_path, "cam"), open_clip(tmp_path, "cam_2")]
+    run_track(videos, clip_run(), tmp_path / "whole")
+    left = iter((4, 30, 30, 5))
+
+    def fail(frames, venue, config):
+        end = next(left)
+        for count, frame in enumerate(scripted.track_frames(frames, venue, config)):
+            if count == end:
+                raise ZeroDivisionError("mistake")
+            yield frame
+
+    engine.setattr(stretches, "track_frames", fail)
+    errors: list[Exception] = []
+    run_track(videos, clip_run(), tmp_path / "out", on_error=errors.append)
+    assert len(errors) == 2 and len(lines(tmp_path / "out")) == 4 + 25
+    engine.setattr(stretches, "track_frames", scripted.track_frames)
+    run_track(videos, clip_run(), tmp_path / "out")
+    found = sorted(lines(tmp_path / "out"), key=lambda line: line["id"])
+    assert found == sorted(lines(tmp_path / "whole"), key=lambda line: line["id"])
+
+
 def test_a_full_disk_ends_the_run_at_once_and_it_is_taken_up(tmp_path, engine):
     videos, out, whole = (
         [open_clip(tmp_path, name, 12) for name in ("first", "second")],

@@ -6,7 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from circlecal.tracking.smoother import JERK, Chain, Smoothed, Solution, smooth_robustly
+from circlecal.tracking.smoother import (
+    JERK,
+    LEAST_JERK_SHARE,
+    Chain,
+    Smoothed,
+    Solution,
+    _estimate_steadiness,
+    smooth_robustly,
+)
 
 NO_INERTIA = np.zeros((0, 3))
 
@@ -135,3 +143,39 @@ def test_whole_covariances_are_those_of_paint_that_is_better_than_it_says() -> N
     assert np.all(drawn_of_noise < told_of_noise)
     # frames without paint are told by their neighbours
     assert told[20:26].max() < 1.5 * told[10:15].max()
+
+
+def test_covariances_of_paint_that_is_better_than_it_says_are_those_of_the_dense_system() -> None:
+    rng = np.random.default_rng(4)
+    # of so few frames nothing is known of the inertia, and all motions agree with the paint
+    count, share = len(JERK) - 1, 0.2
+    heads, information, precision = rng.normal(size=(count, 3)), positive(rng, count), positive(rng, count - 1)
+    chain = Chain(heads, information, np.zeros((count, 3)), np.diff(heads, axis=0), precision)
+    found = smooth_robustly(chain, np.zeros((count, 3, 0)), share)
+    paint, root = np.zeros((3 * count, 3 * count)), np.zeros((3 * count, 3))
+    for k in range(count):
+        own = slice(3 * k, 3 * k + 3)
+        paint[own, own] = information[k]
+        root[own] = np.linalg.cholesky(information[k])
+    matrix = paint.copy()
+    for k in range(count - 1):
+        rows = np.zeros((3, 3 * count))
+        rows[:, 3 * k : 3 * k + 3], rows[:, 3 * k + 3 : 3 * k + 6] = -np.eye(3), np.eye(3)
+        matrix += rows.T @ precision[k] @ rows
+    inverse = np.linalg.inv(matrix)
+    by_paint = inverse @ paint
+    noise = by_paint @ np.linalg.inv(paint) @ by_paint.T
+    # what the motions bring, the noise of the paint, and what it repeats in all frames
+    whole = inverse - noise + share * noise + share * inverse @ root @ root.T @ inverse
+    for k in range(count):
+        own = slice(3 * k, 3 * k + 3)
+        np.testing.assert_allclose(found.covariances[k], whole[own, own], rtol=0.02, atol=1e-4)
+
+
+def test_the_noise_of_a_third_difference_is_that_of_three_motions() -> None:
+    variance = np.array([1.0, 3.0, 7.0])
+    precision = np.eye(3) / variance[:, None, None]
+    # of a head that stands still a thousandth of what the motions say is taken for their noise
+    (told,) = _estimate_steadiness(np.zeros((len(JERK), 3)), precision)
+    least = LEAST_JERK_SHARE * 1e-3 * (variance[0] + 4.0 * variance[1] + variance[2])
+    np.testing.assert_allclose(1.0 / told, least)

@@ -6,12 +6,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from circlecal.config import load_config
 from circlecal.rig.tripod import PLACE, TripodEstimate
 from circlecal.tracking.frame_paint import PART_M, HeadedFrame
 from circlecal.tracking.markings import template_curves
-from circlecal.tracking.tripod_fit import common_priors, count_alike, fit_tripod
+from circlecal.tracking.tripod_fit import (
+    _tell_covariance,
+    common_priors,
+    count_alike,
+    fit_tripod,
+    free_parameters,
+)
+from circlecal.tracking.tripod_problem import TripodProblem
 from tests.tracking.scenes import (
     SIZE,
     measure_ideal,
@@ -134,3 +142,38 @@ def test_the_lens_of_a_tripod_is_expected_as_that_of_a_frame_with_its_focal_leng
     told = camera.model_copy(update={"k1_mean": 0.03})
     mean, _ = common_priors(told, load_config().rig, template(), SIZE, 1.0)
     assert (mean[kappa], mean[slope]) == (0.03, 0.0)
+
+
+def test_what_a_tripod_says_grows_less_certain_with_what_it_leaves_of_the_paint() -> None:
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE)
+    frames, drawn = views_of_a_pitch(105.0, 68.0), template_curves(template())
+    problem, heads, common = TripodProblem.of(
+        frames,
+        tripod(),
+        drawn,
+        mean,
+        np.diag(np.where(sd > 0.0, sd, np.inf) ** -2.0),
+        free_parameters(sd, is_width_free=True),
+        1.0,
+    )
+    at = problem.evaluate(heads, common, 2.0)
+    places = sum(len(frame.measured.marking) for frame in frames) - 3 * len(frames)
+
+    def tell(cost: float) -> NDArray[np.float64]:
+        return _tell_covariance(problem, replace(at, normal=replace(at.normal, cost=cost)), 1.0, sd, True)
+
+    usual = tell(float(places))
+    np.testing.assert_array_equal(tell(0.1 * places), usual)
+    np.testing.assert_allclose(tell(4.0 * places), 4.0 * usual)
+
+
+def test_a_tripod_follows_the_width_of_the_paint_as_its_covariance_says() -> None:
+    mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE)
+    frames, drawn, width = views_of_a_pitch(105.0, 68.0), template_curves(template()), PLACE["width"]
+    usual = fit_tripod(frames, tripod(), mean, sd, drawn).estimate
+    broader = mean.copy()
+    broader[width] = 0.01
+    moved = fit_tripod(frames, tripod(), broader, sd, drawn).estimate.mean - usual.mean
+    told = usual.covariance[width] / usual.covariance[width, width] * 0.01
+    for name in ("axis_y", "axis_z", "length"):
+        assert moved[PLACE[name]] == pytest.approx(told[PLACE[name]], rel=0.2), name

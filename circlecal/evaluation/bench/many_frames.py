@@ -206,4 +206,4 @@ def _bound_covariances(draws: Sequence[Draw], prior: Turning, turning: Array) ->
         problems.append(Problem(curves, points, priors_of(draw.config, template, circle, model), model))
     theta = np.array(thetas)
     problem = joint_problem(problems, {}, {}, float(np.median(theta[:, 0])), prior)
-    return joint_covariances(problem, start_state(problem, theta, turning))
+    return joint_covariances(start_state(problem, theta, turning))
