@@ -147,6 +147,18 @@ class Observations:
     keypoints: tuple[Keypoint, ...] = ()
     curves: tuple[Array, ...] = ()
 
+    def __eq__(self, other: object) -> bool:
+        """Whether both hold the very parts that the other holds."""
+        return self._parts == other._parts if isinstance(other, Observations) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self._parts)
+
+    @property
+    def _parts(self) -> tuple[object, ...]:
+        curves = tuple(map(id, self.curves))
+        return self.width, self.height, self.circles, self.lines, self.marks, self.keypoints, curves
+
     def without(self, keys: Collection[MarkingKey]) -> Observations:
         """All but what was seen of some markings."""
         return replace(
