@@ -339,7 +339,7 @@ def test_a_lens_is_expected_to_follow_the_zoom_as_that_of_one_frame_is():
 
 
 def test_what_the_others_gain_without_a_frame_is_what_they_gain_when_they_are_fitted_alone(scene):
-    problems, truth = scene
+    problems, _ = scene
     problem, state = joint(scene, {}, {})
     gains = deletion_gains(state)
     for k in range(len(problems)):
