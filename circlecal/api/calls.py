@@ -316,7 +316,7 @@ def calibrate_points(
     ------
     InputError
         A name that the field does not have or that two arguments have, something that is no point, several pixels of
-        one point, or a picture without a width or height.
+        one point, a point of the field or a pixel that lies far outside, or a picture without a width or height.
     ConfigError, TypeError
         As for :func:`calibrate`, of the configuration and the name.
     """

@@ -34,8 +34,8 @@ from circlecal.refusals import refuse
 from circlecal.results import CameraFit, RoughCamera
 
 MOST_ROUNDS = 4
-"""So often the camera is estimated anew without what its last fit contradicts, which one of 400 sets of clicked points
-with a wrong one needs more than once.
+"""So often the camera is estimated without what the last fit before contradicts, and refused where that contradicts it
+still. In 842 estimates from simulated clicks, most of them with wrong points or names, two ended after a second one.
 """
 
 
