@@ -107,12 +107,11 @@ def test_the_circle_is_measured_along_a_draft_where_lines_and_arcs_are_too_few(m
 
 
 def test_a_camera_that_misses_a_circle_in_plain_view_is_no_answer(monkeypatch):
-    missing, right = (
+    calibrated = Verdict("calibrated", None, None, None)
+    attempts = iter(
         Attempt(camera=SimpleNamespace(name=name), observations=Observations(9, 9), verdict=calibrated)
-        for calibrated in [Verdict("calibrated", None, None, None)]
         for name in ("missing", "right")
     )
-    attempts = iter([missing, right])
     setting = SimpleNamespace(
         template=None,
         circle=None,
@@ -131,7 +130,7 @@ def test_a_camera_that_misses_a_circle_in_plain_view_is_no_answer(monkeypatch):
     monkeypatch.setattr(field_lines, "weigh_evidence", lambda verdict, *given: verdict)
     monkeypatch.setattr(field_lines, "_add_curves", lambda *given: None)
     monkeypatch.setattr(field_lines, "misses_circle", lambda camera, *given: camera.name == "missing")
-    assert list(field_lines._try_namings(setting, scene, see_lines())) == [right]
+    assert [taken.camera.name for taken in field_lines._try_namings(setting, scene, see_lines())] == ["right"]
 
 
 def test_lines_are_read_anew_where_a_refused_circle_had_taken_some(tries, monkeypatch):
