@@ -11,7 +11,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from circlecal.errors import InputError
+from circlecal.errors import ConfigError, InputError
 from circlecal.field import Circle, FieldTemplate, load_field
 from circlecal.files import real_path, remove_file, write_atomic
 from circlecal.formats.annotation import draw_measured
@@ -441,13 +441,35 @@ def _reduce(path: Path, frame: CameraFrame, target: CameraFormat, template: Fiel
 def _cameras_of_record(record: ResultRecord, target: CameraFormat, template: FieldTemplate) -> list[CameraFrame]:
     """The camera of a record as a format holds it; of a refused frame none, or a frame without a camera where the
     format lists these.
+
+    Raises
+    ------
+    InputError
+        The format cannot say the record's own field.
     """
+    template = _own_template(record, template)
+    if target.requires is not None:
+        try:
+            target.requires(template)
+        except InputError as error:
+            raise InputError(f"{record.id}: {error}") from error
     stored = CalibratedFrame.of(record, template, template.circle_by_name[template.default_circle])
     if stored is not None:
         return [replace(stored, image=_picture_name(record)).reduce(target.holds)]
     if record.image is None or not target.lists_refused:
         return []
     return [CameraFrame(record.id, record.width, record.height, image=_picture_name(record))]
+
+
+def _own_template(record: ResultRecord, usual: FieldTemplate) -> FieldTemplate:
+    """The field of a record; the usual one where the record names none, or a file that is gone."""
+    own = record.field
+    if own is None or own.template == usual.name:
+        return usual
+    try:
+        return load_field(own.template, own.sizes)
+    except ConfigError:
+        return usual
 
 
 def _number(frames: Sequence[F]) -> list[F]:

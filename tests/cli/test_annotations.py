@@ -271,6 +271,17 @@ def test_convert_a_result(run_circlecal, annotation_file, tmp_path):
     assert (tmp_path / "cameras" / "camera_00042.json").is_file()
 
 
+def test_convert_of_another_sport_to_a_format_of_soccer(run_circlecal, annotation_file, tmp_path):
+    run_circlecal("calibrate", annotation_file, "--size", "960x540", "--out", tmp_path / "out", *QUICK, "-q")
+    file = tmp_path / "out" / "00042.json"
+    record = json.loads(file.read_text())
+    record["field"] = {"template": "ice-hockey-nhl", "circle": "centre_circle"}
+    file.write_text(json.dumps(record))
+    arguments = ("convert", file, "--out", tmp_path / "cameras", "--to")
+    only_error(run_circlecal(*arguments, "worldcup"), "00042", "soccer pitch", "'ice-hockey-nhl'")
+    assert run_circlecal(*arguments, "tvcalib").code == 0
+
+
 def test_convert_where_there_is_no_way(run_circlecal, annotation_file, tmp_path):
     arguments = ("convert", annotation_file, "--size", "960x540", "--out", tmp_path / "out", "--to")
     only_error(run_circlecal(*arguments, "broadtrack"), "no way from a soccernet annotation to broadtrack")
