@@ -93,10 +93,9 @@ def _lay_again(scene: Scene, config: Config, found: FrameCalibration) -> ViewEvi
     """
     searched = recall_evidence(scene, found.field_name) or NOTHING_LAID
     seen = [searched, *_lay_over_camera(scene, config, found, found.template)]
-    template, mask = found.template, found.attempt.mask
-    if found.status == "calibrated" and template is not None and mask is not None:
-        view, paint = found.view, look_for_paint(scene, mask, suit_config(config, found.field_name), template)
-        seen += [] if view is None or paint is None else [weigh_view(view, template, paint)]
+    template, paint = found.template, _look_for_own_paint(scene, config, found)
+    if template is not None and paint is not None and found.view is not None:
+        seen.append(weigh_view(found.view, template, paint))
     return max(seen, key=weigh)
 
 
@@ -113,15 +112,22 @@ def _lay_over_camera(
     scene: Scene, config: Config, found: FrameCalibration, template: FieldTemplate | None
 ) -> list[ViewEvidence]:
     """What speaks for a field where a calibrated camera of another one has it; nothing without such a camera."""
-    tried, mask = found.template, found.attempt.mask
-    if found.status != "calibrated" or tried is None or template is None or mask is None:
+    tried, paint = found.template, _look_for_own_paint(scene, config, found)
+    if tried is None or template is None or paint is None:
         return []
     circle = tried.circle_by_name.get(found.circle_name)
-    paint = look_for_paint(scene, mask, suit_config(config, found.field_name), tried)
-    if circle is None or paint is None:
+    if circle is None:
         return []
     key = ("laid over", found.field_name, template.name)
     return scene.looks.once(key, lambda: lay_over_attempt(found.attempt, tried, circle, paint, (template,)) or [])
+
+
+def _look_for_own_paint(scene: Scene, config: Config, found: FrameCalibration) -> SeenPaint | None:
+    """The paint of the surface on which a field was calibrated; None without a camera."""
+    template, mask = found.template, found.attempt.mask
+    if found.status != "calibrated" or template is None or mask is None:
+        return None
+    return look_for_paint(scene, mask, suit_config(config, found.field_name), template)
 
 
 def _lay_best(rough: RoughPlacements, paint: SeenPaint, size: tuple[int, int], template: FieldTemplate) -> ViewEvidence:
