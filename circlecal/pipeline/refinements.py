@@ -18,6 +18,8 @@ from circlecal.pipeline.template_markings import measure_straight_markings
 from circlecal.refusals import REFUSALS
 from circlecal.results import Attempt, CameraFit, Cues, Interpretation, LineCue, MarkingMask
 from circlecal.stages.faint_lines import find_faint_lines
+from circlecal.stages.mask import find_short_markings
+from circlecal.stages.short_lines import measure_short_lines
 from circlecal.stages.verdict_on_picture import has_mark
 
 PARTIAL_DEG = 240.0
@@ -46,6 +48,10 @@ USUAL_WIDTH_M, TOLD_WIDTH_SD_M = 1.5, 1.0
 """Metres off the usual width, and standard deviation of the width among fields of all sizes, with which a touchline
 tells that only the length is another: two rendered pitches 114 m long, whose penalty areas lie outside of where usual
 ones do, have 0.1 and 0.5 to 0.6, three altered pictures that miss markings 0 to 0.5 and 9 to 12.
+"""
+OPEN_PX = 3.0
+"""Largest predicted error, pixels at 1920 px width, from which on shorter straight markings are looked for:
+cameras that know all sizes of the field have less.
 """
 UNCERTAIN_PX = 12.0
 """Largest predicted error, pixels at 1920 px width, from which on fainter straight markings are looked for."""
@@ -197,7 +203,7 @@ def add_faint_lines(setting: Setting, scene: Scene, attempt: Attempt) -> Iterato
     """The attempt with straight markings that stand out only where an uncertain camera may put them."""
     if attempt.fitted is None:
         return
-    mask, edges, cues, observations, camera, _ = attempt.fitted
+    mask, _, cues, _, camera, _ = attempt.fitted
     with setting.clock("cues"):
         picture = lighten_markings(scene.marked, mask, setting.circle)
         seen = find_faint_lines(picture, camera, setting.template, setting.circle, mask.field_region)
@@ -209,10 +215,46 @@ def add_faint_lines(setting: Setting, scene: Scene, attempt: Attempt) -> Iterato
         )
     if not found:
         return
+    yield _estimate_with(setting, attempt, found)
+
+
+def may_show_short_lines(setting: Setting, attempt: Attempt) -> bool:
+    """Whether a usable camera with a halfway line leaves so much open that short straight markings may tell more."""
+    if attempt.camera is None or attempt.cues is None or attempt.cues.halfway is None:
+        return False
+    is_open = attempt.camera.max_sigma_px >= OPEN_PX * setting.width / 1920.0
+    is_usable = attempt.is_calibrated or attempt.code in ("too_uncertain", "circle_unconfirmed")
+    return is_open and is_usable and setting.config.cues.further_lines
+
+
+def add_short_lines(setting: Setting, scene: Scene, attempt: Attempt) -> Iterator[Attempt]:
+    """The attempt with short straight markings that run as an open camera shows the field there."""
+    if attempt.fitted is None:
+        return
+    mask, edges, cues, _, camera, _ = attempt.fitted
+    config = setting.config
+    with setting.clock("cues"):
+        picture = lighten_markings(scene.marked, mask, setting.circle)
+        seen = (*((cues.halfway,) if cues.halfway is not None else ()), *cues.lines, *cues.others)
+        known = np.array([(line.segment.start, line.segment.end) for line in seen]).reshape(-1, 2, 2)
+        runs = find_short_markings(picture, mask, known, config.mask)
+        sampling_px = config.cues.search_px, config.cues.spacing_px
+        short = measure_short_lines(scene.image, picture, runs, camera, setting.template, edges.noise, sampling_px)
+        told = Cues(None, None, scene.clear_lines(short))
+        found = set_apart_other_sports(setting, scene, mask, attempt.ellipses, told).lines
+    if found:
+        yield _estimate_with(setting, attempt, found)
+
+
+def _estimate_with(setting: Setting, attempt: Attempt, found: tuple[LineCue, ...]) -> Attempt:
+    """The attempt with further lines that have no names yet."""
+    if attempt.fitted is None:
+        return attempt
+    _, edges, cues, observations, _, _ = attempt.fitted
     lines = (LinePoints(None, line.points_px, line.sigma_px, (), line.width_px, edges.blur_px) for line in found)
     more = replace(observations, lines=(*observations.lines, *lines))
     more_cues = replace(cues, lines=(*cues.lines, *found))
-    yield estimate(setting, replace(attempt, cues=more_cues, observations=more, verdict=None))
+    return estimate(setting, replace(attempt, cues=more_cues, observations=more, verdict=None))
 
 
 def _is_repetition(line: LineCue, others: Sequence[LineCue], near_px: float) -> bool:
@@ -228,6 +270,11 @@ def is_less_uncertain(setting: Setting, attempt: Attempt, refined: Attempt) -> b
     if attempt.camera is None or refined.camera is None:
         return False
     return refined.is_calibrated and refined.camera.max_sigma_px < attempt.camera.max_sigma_px
+
+
+def is_told_more(setting: Setting, attempt: Attempt, refined: Attempt) -> bool:
+    """Whether the refined attempt names further markings, and is less uncertain."""
+    return names_more_lines(setting, attempt, refined) and is_less_uncertain(setting, attempt, refined)
 
 
 def _misses_markings(setting: Setting, attempt: Attempt) -> bool:
@@ -276,6 +323,7 @@ REFINEMENTS = (
     Retry(_is_worth_remeasuring, remeasure_wide_paint, lambda setting, attempt, refined: True),
     Retry(_names_lines, leave_out_broad_lines, lambda setting, attempt, refined: True),
     Retry(may_have_old_coat, leave_out_old_coat, lambda setting, attempt, refined: True),
+    Retry(may_show_short_lines, add_short_lines, is_told_more),
     Retry(_may_show_faint_lines, add_faint_lines, is_less_uncertain),
 )
 """What is measured again within one attempt, where its camera says what to look for; in this order."""

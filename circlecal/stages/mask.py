@@ -20,6 +20,7 @@ from circlecal.detection.marking_mask import MarkingSketch
 from circlecal.detection.networks import SegmentationNetwork, load_network, segment
 from circlecal.detection.options import FieldRegionConfig
 from circlecal.detection.paints import find_paints
+from circlecal.detection.short_lines import find_short_runs
 from circlecal.errors import EstimationError
 from circlecal.field import FieldTemplate, Ground
 from circlecal.geometry.ellipses import ellipse_from_conic
@@ -169,6 +170,27 @@ def _is_one_ellipse(first: Array, second: Array) -> bool:
         return False
     apart = [np.abs(one.center - other.center).max(), np.abs(np.subtract(one.semi_axes, other.semi_axes)).max()]
     return bool(max(apart) < ONE_ELLIPSE_SHARE * one.semi_axes[1])
+
+
+def find_short_markings(gray: NDArray[np.uint8], marking: MarkingMask, known: Array, config: MaskConfig) -> Array:
+    """Ends (R, 2, 2) of straight runs that are too short to be looked for in every picture.
+
+    Parameters
+    ----------
+    gray : (H, W) uint8
+        The picture, with the markings lighter than the field.
+    marking : MarkingMask
+        What was found; there are no short runs where it holds no circle or no playing surface.
+    known : (K, 2, 2) array
+        Ends of straight markings that were measured; those of the marking mask are known, too.
+    config : MaskConfig
+        Options.
+    """
+    if marking.field_region is None or marking.conic is None:
+        return np.zeros((0, 2, 2))
+    rough = np.array([(line.start, line.end) for line in marking.lines]).reshape(-1, 2, 2)
+    straight = np.concatenate([rough, known])
+    return find_short_runs(gray, marking.field_region, marking.conic, straight, config.detector)
 
 
 def look_quickly(

@@ -6,10 +6,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+import circlecal
+from circlecal.evaluation.bench.detect import PROFILES
 from circlecal.observations import LinePoints, Observations
 from circlecal.pipeline import curves, refinements
 from circlecal.pipeline.refinements import MOST_ROUNDS, remeasure_wide_paint
 from circlecal.results import Attempt, Cues, LineCue, Segment
+from circlecal.synthetic.sampling import render_frame
 
 
 @pytest.mark.parametrize(
@@ -115,3 +118,51 @@ def test_a_field_of_another_size_is_taken_where_mark_and_line_carry_its_camera_o
     first = SimpleNamespace(camera=SimpleNamespace(named_lines=lines))
     setting = SimpleNamespace(template=SimpleNamespace(width_m=68.0))
     assert refinements.RESIZE.accept(setting, first, resized) == is_taken
+
+
+@pytest.mark.parametrize(
+    ("status", "sigma_px", "names", "is_taken"),
+    [
+        ("calibrated", 2.0, ("side_line_top", "big_rect_left_main"), True),
+        ("refused", 2.0, ("side_line_top", "big_rect_left_main"), False),
+        ("calibrated", 9.0, ("side_line_top", "big_rect_left_main"), False),
+        ("calibrated", 2.0, ("side_line_top",), False),
+    ],
+)
+def test_short_lines_are_taken_where_they_have_names_and_make_the_camera_surer(status, sigma_px, names, is_taken):
+    first = SimpleNamespace(camera=SimpleNamespace(named_lines=("side_line_top",), max_sigma_px=8.0))
+    camera = SimpleNamespace(named_lines=names, max_sigma_px=sigma_px)
+    refined = SimpleNamespace(camera=camera, is_calibrated=status == "calibrated")
+    assert refinements.is_told_more(None, first, refined) == is_taken
+
+
+@pytest.mark.parametrize(
+    ("sigma_px", "code", "is_wanted", "is_tried"),
+    [
+        (4.0, None, True, True),
+        (1.0, None, True, False),
+        (4.0, "too_uncertain", True, True),
+        (4.0, "circle_unconfirmed", True, True),
+        (4.0, "markings_missing", True, False),
+        (4.0, None, False, False),
+    ],
+)
+def test_short_lines_are_looked_for_where_a_usable_camera_leaves_much_open(sigma_px, code, is_wanted, is_tried):
+    attempt = SimpleNamespace(
+        camera=SimpleNamespace(max_sigma_px=sigma_px),
+        cues=Cues("a halfway line", None),
+        is_calibrated=code is None,
+        code=code,
+    )
+    cues = SimpleNamespace(further_lines=is_wanted)
+    setting = SimpleNamespace(width=1920, config=SimpleNamespace(cues=cues))
+    assert refinements.may_show_short_lines(setting, attempt) == is_tried
+
+
+def test_a_corner_of_the_penalty_area_settles_the_size_of_the_field():
+    """A circle, a halfway line and a touchline leave the width open; the corner is 0.06 of the picture long."""
+    truth = render_frame("world_part", np.random.default_rng([9934, 158, PROFILES.index("world_part")]), 1280, 720)
+    frame = circlecal.calibrate(truth.image)
+    assert frame.status == "calibrated"
+    assert {"big_rect_left_main", "big_rect_left_top"} <= set(frame.attempt.camera.named_lines)
+    assert frame.attempt.camera.field_size.width_m == pytest.approx(truth.truth.painted.width_m, abs=1.0)
