@@ -14,7 +14,7 @@ from circlecal.line_naming.line_ends import FEWEST_POINTS, segment_ends
 from circlecal.observations import Observations
 from circlecal.paint.predicted_width import blur_widths
 
-__all__ = ["hide_broad_lines"]
+__all__ = ["hide_broad_lines", "predict_widths_along"]
 
 BROADEST = 3.0
 """Times the width of blurred paint there from which on a line without a name is no marking, where the camera knows no
@@ -38,7 +38,7 @@ def hide_broad_lines(
         return observations
     lines = list(observations.lines)
     segments = np.array([segment_ends(lines[k].points_px) for k in asked])
-    painted_px = _predict_widths(state.best().theta[0], segments, template.marking_width_m, problem.model)
+    painted_px = predict_widths_along(state.best().theta[0], segments, template.marking_width_m, problem.model)
     for k, own_px in zip(asked, painted_px.tolist(), strict=True):
         line = lines[k]
         if line.width_px > BROADEST * float(blur_widths(own_px, line.blur_px)):
@@ -46,8 +46,10 @@ def hide_broad_lines(
     return replace(observations, lines=tuple(lines))
 
 
-def _predict_widths(theta: Array, segments: Array, width_m: float, model: ProjectionModel) -> Array:
-    """Widths (S,) in pixels of paint along segments (S, 2, 2) of the picture; not finite where it shows no ground."""
+def predict_widths_along(theta: Array, segments: Array, width_m: float, model: ProjectionModel) -> Array:
+    """Widths (S,) in pixels of paint of a width in metres along segments (S, 2, 2) of the picture, for a camera (P,);
+    not finite where it shows no ground.
+    """
     ends = level_points(theta[None], segments.reshape(-1, 2), model)[0].reshape(segments.shape)
     span = ends[:, 1] - ends[:, 0]
     length = np.maximum(np.linalg.norm(span, axis=-1, keepdims=True), 1e-9)

@@ -74,5 +74,4 @@ def test_another_width_is_told_by_what_the_usual_one_leaves(profile, index):
     size, field = result.attempt.camera.field_size, truth.template
     assert result.status == "calibrated" and not size.is_usual
     assert abs(size.width_m - field.width_m) < 3.0 * size.width_sd_m
-    error_px, sigma_px = compare(truth, result.attempt.camera)[:2]
-    assert error_px < min(8.0, 2.0 * sigma_px)
+    assert compare(truth, result.attempt.camera)[0] < 4.0

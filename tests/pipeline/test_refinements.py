@@ -137,19 +137,25 @@ def test_short_lines_are_taken_where_they_have_names_and_make_the_camera_surer(s
 
 
 @pytest.mark.parametrize(
-    ("sigma_px", "code", "is_wanted", "is_tried"),
+    ("sigma_px", "size_sd_m", "code", "is_wanted", "is_tried"),
     [
-        (4.0, None, True, True),
-        (1.0, None, True, False),
-        (4.0, "too_uncertain", True, True),
-        (4.0, "circle_unconfirmed", True, True),
-        (4.0, "markings_missing", True, False),
-        (4.0, None, False, False),
+        (4.0, (1.0, 0.3), None, True, True),
+        (4.0, (0.3, 0.7), None, True, True),
+        (4.0, (0.3, 0.3), None, True, False),
+        (4.0, None, None, True, False),
+        (1.0, (1.0, 0.7), None, True, False),
+        (4.0, (1.0, 0.7), "too_uncertain", True, True),
+        (4.0, (1.0, 0.7), "circle_unconfirmed", True, True),
+        (4.0, (1.0, 0.7), "markings_missing", True, False),
+        (4.0, (1.0, 0.7), None, False, False),
     ],
 )
-def test_short_lines_are_looked_for_where_a_usable_camera_leaves_much_open(sigma_px, code, is_wanted, is_tried):
+def test_short_lines_are_looked_for_where_a_usable_camera_leaves_a_size_open(
+    sigma_px, size_sd_m, code, is_wanted, is_tried
+):
+    size = None if size_sd_m is None else SimpleNamespace(length_sd_m=size_sd_m[0], width_sd_m=size_sd_m[1])
     attempt = SimpleNamespace(
-        camera=SimpleNamespace(max_sigma_px=sigma_px),
+        camera=SimpleNamespace(max_sigma_px=sigma_px, field_size=size),
         cues=Cues("a halfway line", None),
         is_calibrated=code is None,
         code=code,
