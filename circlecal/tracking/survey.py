@@ -367,14 +367,19 @@ def _extend_and_measure(
     drawn: DrawnTemplate,
     period_s: float,
 ) -> tuple[TripodEstimate, list[HeadedFrame]]:
-    """The tripod with all its frames, before a pitch whose size was searched for where these do not tell it."""
+    """The tripod with all its frames, before a pitch whose size was searched for where these do not tell it.
+
+    The width is searched for once more at the end: a frame that is found with the length may have the touchline taken
+    for a false one. So a pitch 57 m wide was held near 68 m, where the foot of the boards was taken for its touchline.
+    """
     tripod, members = _extend(tripod, members, pictures, config, template, drawn, period_s)
     searched = tripod
     for search in (search_length, search_width):
         searched = search(searched, members, pictures, template) or searched
     if searched is tripod:
         return tripod, members
-    return _extend(searched, members, pictures, config, template, drawn, period_s)
+    tripod, members = _extend(searched, members, pictures, config, template, drawn, period_s)
+    return search_width(tripod, members, pictures, template) or tripod, members
 
 
 def _find_beyond(place: Place, picture: LookedAt, mean: Array, sd: Array) -> Look | None:

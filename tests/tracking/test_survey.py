@@ -215,3 +215,16 @@ def test_what_a_clip_tells_surer_than_a_loosened_venue_is_taken_where_both_agree
     assert survey._choose_surer(known, own) is own
     assert survey._choose_surer(known, replace(near, covariance=vaguer)) is known
     assert survey._choose_surer(known, replace(far, covariance=surer)) is known
+
+
+def test_a_width_that_later_frames_leave_open_is_searched_for_once_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the frame that was found last, the touchline was taken for a false one, and the pitch held near 68 m."""
+    told, open_width, narrow = (SimpleNamespace(state=state) for state in ("told", "open", "narrow"))
+    extended = iter([told, open_width])
+    monkeypatch.setattr(survey, "_extend", lambda *_: (next(extended), ["members"]))
+    monkeypatch.setattr(survey, "search_length", lambda tripod, *_: SimpleNamespace(state="longer"))
+    monkeypatch.setattr(survey, "search_width", lambda tripod, *_: narrow if tripod is open_width else None)
+    found, members = survey._extend_and_measure(
+        told, [], {}, load_config(), template(), template_curves(template()), 0.0
+    )
+    assert found is narrow and members == ["members"]
