@@ -27,6 +27,7 @@ from circlecal.geometry.camera import Camera
 from circlecal.geometry.surface import Surface
 from circlecal.pictures.files import read_image
 from circlecal.pictures.inputs import expand_inputs
+from circlecal.pictures.limits import DEFAULT_LIMITS
 from circlecal.pictures.masks import read_mask
 from circlecal.pictures.remote import is_url, require_url, url_names
 from circlecal.pictures.video import Sampling, Video
@@ -184,7 +185,7 @@ def _read_urls(path: Path, out: Path) -> list[str]:
 
 
 def _read_video(path: Path, out: Path) -> object:
-    video = Video.open(path, path.stem)
+    video = Video.open(path, path.stem, DEFAULT_LIMITS)
     return list(islice(video.frames(Sampling.parse("1"), lambda _: None), 20))
 
 
