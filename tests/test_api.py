@@ -123,3 +123,10 @@ def test_where_a_result_cannot_be_saved_no_option_is_named(frame_image, tmp_path
     with pytest.raises(InputError, match="choose another folder") as told:
         found.save(tmp_path / "file" / "x.json")
     assert "--" not in str(told.value)
+
+
+def test_points_tell_no_field(tmp_path):
+    (tmp_path / "auto.yaml").write_text("field:\n  template: auto\n")
+    for given in ({"field": "auto"}, {"set": {"field.template": "auto"}}, {"config": tmp_path / "auto.yaml"}):
+        with pytest.raises(ConfigError, match=r"^field: auto is for pictures"):
+            circlecal.calibrate_points(size=(960, 540), circle=[[100.0, 100.0]], **given)
