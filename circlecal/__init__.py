@@ -90,13 +90,15 @@ _HOMES = {
 }
 
 
-def __getattr__(name: str) -> Any:
-    """Import the public names when they are first used, so that ``import circlecal`` costs nothing."""
-    if name not in _HOMES:
-        raise AttributeError(f"module 'circlecal' has no attribute {name!r}")
-    from importlib import import_module
+if not TYPE_CHECKING:  # type checkers find a misspelt name
 
-    return getattr(import_module(_HOMES[name]), name)
+    def __getattr__(name: str) -> Any:
+        """Import the public names when they are first used, so that ``import circlecal`` costs nothing."""
+        if name not in _HOMES:
+            raise AttributeError(f"module 'circlecal' has no attribute {name!r}")
+        from importlib import import_module
+
+        return getattr(import_module(_HOMES[name]), name)
 
 
 def __dir__() -> list[str]:

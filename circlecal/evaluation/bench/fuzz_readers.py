@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.api import load
+from circlecal.api import Calibration, load
 from circlecal.config import Config, config_digest, config_folder, load_config
 from circlecal.errors import CirclecalError
 from circlecal.field import FieldTemplate, field_folder, load_field
@@ -191,7 +191,8 @@ def _read_video(path: Path, out: Path) -> object:
 
 def _read_result(path: Path, out: Path) -> object:
     found = load(path)
-    found.to_field([[640.0, 360.0]])
+    for frame in [found] if isinstance(found, Calibration) else found:
+        frame.to_field([[640.0, 360.0]])
     return repr(found)
 
 
