@@ -242,7 +242,9 @@ class ResultLog:
             start += len(line)
 
     def append(self, finished: Finished) -> None:
-        """Write one line; it outlives this process at once, and the machine after a second at most.
+        """Write one line, which outlives this process at once. Lines are forced to the disk with the first that is
+        written a second or more after those before it, and when the run ends: a machine that loses its power loses what
+        its system still holds of the last ones.
 
         Raises
         ------
