@@ -27,7 +27,8 @@ To files, and to other programs:
 
 Pixels count from the centre of the top-left one. Field points are metres from the centre mark: x to the right along the
 length, y towards the main camera, z down. :func:`calibrate_points` needs clicked points and no picture,
-:func:`calibrate_video` and :func:`track` go through videos, :func:`load` opens results, :func:`export` writes several
+:func:`calibrate_video` and :func:`track` go through videos, :func:`load` opens results, :func:`load_cameras` what is
+known of the cameras, :func:`export` writes several
 frames for another program.
 """
 
@@ -53,6 +54,7 @@ __all__ = [
     "calibrate_video",
     "export",
     "load",
+    "load_cameras",
     "load_config",
     "track",
 ]
@@ -71,6 +73,7 @@ if TYPE_CHECKING:
     )
     from circlecal.config import Config, load_config
     from circlecal.errors import CirclecalError, ConfigError, InputError, MissingExtraError
+    from circlecal.rig.calls import load_cameras
     from circlecal.tracking.calls import track
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
@@ -82,17 +85,20 @@ _HOMES = {
     **dict.fromkeys(("Config", "load_config"), "circlecal.config"),
     **dict.fromkeys(("Calibration", "Run", "SurePoints", "ViewTransformer", "load"), "circlecal.api"),
     **dict.fromkeys(("calibrate", "calibrate_points", "calibrate_video", "export"), "circlecal.api"),
+    "load_cameras": "circlecal.rig.calls",
     "track": "circlecal.tracking.calls",
 }
 
 
-def __getattr__(name: str) -> Any:
-    """Import the public names when they are first used, so that ``import circlecal`` costs nothing."""
-    if name not in _HOMES:
-        raise AttributeError(f"module 'circlecal' has no attribute {name!r}")
-    from importlib import import_module
+if not TYPE_CHECKING:  # type checkers find a misspelt name
 
-    return getattr(import_module(_HOMES[name]), name)
+    def __getattr__(name: str) -> Any:
+        """Import the public names when they are first used, so that ``import circlecal`` costs nothing."""
+        if name not in _HOMES:
+            raise AttributeError(f"module 'circlecal' has no attribute {name!r}")
+        from importlib import import_module
+
+        return getattr(import_module(_HOMES[name]), name)
 
 
 def __dir__() -> list[str]:

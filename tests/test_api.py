@@ -123,3 +123,21 @@ def test_where_a_result_cannot_be_saved_no_option_is_named(frame_image, tmp_path
     with pytest.raises(InputError, match="choose another folder") as told:
         found.save(tmp_path / "file" / "x.json")
     assert "--" not in str(told.value)
+
+
+def test_points_tell_no_field(tmp_path):
+    (tmp_path / "auto.yaml").write_text("field:\n  template: auto\n")
+    for given in ({"field": "auto"}, {"set": {"field.template": "auto"}}, {"config": tmp_path / "auto.yaml"}):
+        with pytest.raises(ConfigError, match=r"^field: auto is for pictures"):
+            circlecal.calibrate_points(size=(960, 540), circle=[[100.0, 100.0]], **given)
+
+
+def test_a_camera_that_must_be_there(frame_image):
+    frame = circlecal.calibrate(frame_image)
+    assert frame.require_camera() == frame.camera and frame.camera is not None
+    refused = circlecal.calibrate(np.zeros((100, 100), np.uint8), id="black")
+    with pytest.raises(InputError, match=rf"^black: has no camera, since it was refused: {refused.reason}"):
+        refused.require_camera()
+    flat = circlecal.calibrate(frame_image, set={"camera.enabled": False})
+    with pytest.raises(InputError, match=r"^image: has no camera, since only a homography was asked for"):
+        flat.require_camera()

@@ -11,7 +11,10 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from functools import cache
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -152,6 +155,13 @@ def test_imports_point_down_only():
         if target != _component(file) and RANK.get(target, 0) >= RANK.get(_component(file), 99)
     ]
     assert not wrong, "\n".join(wrong)
+
+
+def test_the_table_of_packages_has_the_order_of_the_layers():
+    rows = re.findall(r"^\| (.*?) \|", (PACKAGE / "README.md").read_text().partition("## Words")[0], flags=re.MULTILINE)
+    names = [name for row in rows for name in re.findall(r"`(\w+)(?:\.py|/)`", row)]
+    assert sorted(names) == sorted(RANK.keys() - {"__init__", "__main__"})
+    assert [RANK[name] for name in names] == sorted(RANK[name] for name in names)
 
 
 def _dotted(file: Path) -> str:
@@ -458,3 +468,44 @@ def test_package_imports_without_its_heavy_dependencies():
     code = "import sys, circlecal; print(sorted({'cv2', 'skimage', 'scipy', 'pydantic', 'numpy'} & set(sys.modules)))"
     answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True)
     assert answer.stdout.strip() == "[]"
+
+
+def _resolves(name: str, module: ModuleType) -> bool:
+    """Whether a name in the texts of a module is one of that module, its classes or its package, or a whole path."""
+    package = import_module(module.__name__.rpartition(".")[0] or module.__name__)
+    homes = (module, package, *(value for value in vars(module).values() if isinstance(value, type)))
+    return any(_has(home, name.split(".")) for home in homes) or _is_path(name.split("."))
+
+
+def _has(home: object, parts: list[str]) -> bool:
+    first, *rest = parts
+    if not hasattr(home, first):
+        return not rest and first in getattr(home, "__annotations__", {})
+    return not rest or _has(getattr(home, first), rest)
+
+
+def _is_path(parts: list[str]) -> bool:
+    """Whether the parts lead from a module that can be imported to something in it."""
+    for count in range(len(parts), 0, -1):
+        try:
+            module = import_module(".".join(parts[:count]))
+        except ImportError:
+            continue
+        return count == len(parts) or _has(module, parts[count:])
+    return False
+
+
+def _can_be_imported(file: Path) -> bool:
+    """Whether what a file imports is installed: some files need an extra."""
+    return all(find_spec(name) is not None for name in _foreign(file) - {"__main__"})
+
+
+@pytest.mark.parametrize("package", sorted({_component(file) for file in FILES} - {"__main__"}))
+def test_what_docstrings_refer_to_exists(package):
+    reference = re.compile(r":(?:mod|func|class|data|meth|attr|obj|exc):`~?([^`]+)`")
+    wrong = []
+    for file in _in(package):
+        names = set(reference.findall(file.read_text(encoding="utf-8")))
+        module = import_module(_dotted(file)) if names and _can_be_imported(file) else None
+        wrong += [f"{_name(file)}: {n}" for n in sorted(names) if module and not _resolves(n, module)]
+    assert not wrong, "\n".join(wrong)

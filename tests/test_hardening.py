@@ -404,7 +404,7 @@ def test_a_file_larger_than_the_limit(run_circlecal, tmp_path, frame_file):
     large = tmp_path / "large.jpg"
     with large.open("wb") as file:
         file.truncate(1 << 40)  # a hole
-    only_line(run_circlecal("calibrate", large, "--out", tmp_path / "out"), "more than 256 MB", "--max-bytes")
+    only_line(run_circlecal("calibrate", large, "--out", tmp_path / "out"), "more than 256 MB", "limits.max_bytes")
     only_line(
         run_circlecal("calibrate", frame_file, "--out", tmp_path / "out", "--max-bytes", 2000), "more than 1.953 KB"
     )
@@ -431,7 +431,7 @@ def test_a_picture_too_large_once_decoded_is_refused_by_its_header(run_circlecal
     path.write_bytes(png_header(side, side, bits))
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     outcome = run_circlecal("calibrate", path, "--out", tmp_path / "out")
-    only_line(outcome, f"{side} x {side} pixels of {bits} bit", "--max-pixels")
+    only_line(outcome, f"{side} x {side} pixels of {bits} bit", f"--set limits.max_pixels={side * side * bits // 8})")
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100_000  # KB
 
 

@@ -290,6 +290,19 @@ class Calibration:
         fit = self.found.attempt.camera if self.ok else None
         return None if fit is None else fit.camera
 
+    def require_camera(self) -> Camera:
+        """The camera, of which ``K``, ``R``, ``t``, ``dist`` and ``position_m`` are never None.
+
+        Raises
+        ------
+        InputError
+            There is none, and why: the frame was refused, or only a homography was asked for.
+        """
+        if self.camera is None:
+            why = "only a homography was asked for" if self.ok else f"it was refused: {self.reason}"
+            raise InputError(f"{self.id}: has no camera, since {why}")
+        return self.camera
+
     @property
     def K(self) -> Array | None:
         """Calibration matrix (3, 3), pixels, as ``cv2.projectPoints`` and ``cv2.undistort`` take it; None where there

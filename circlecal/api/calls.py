@@ -68,7 +68,8 @@ def calibrate(
         Picture file, or an array as ``cv2.imread`` gives it: (H, W, 3) BGR, (H, W, 4) BGRA or (H, W) gray, of 8 or 16
         bit. Pictures from elsewhere are mostly RGB: ``np.asarray(picture)[..., ::-1]``.
     config : Config, str or path, optional
-        A configuration, the name of one that comes with circlecal such as ``"broadcast"``, or a YAML file.
+        A configuration, the name of one that comes with circlecal such as ``"broadcast"``, or a YAML file. That of a
+        camera which is known comes from :func:`circlecal.load_cameras`.
     field : str or path, optional
         Field template: a name such as ``"futsal"``, or a YAML file; ``"auto"`` for the one that the picture shows.
     set : mapping, optional
@@ -303,7 +304,7 @@ def calibrate_points(
         model and SoccerNet's annotations do; ``"paint"`` on the middle of the paint, where people click. The wrong one
         of the two costs about 0.1 m.
     config, field, set : optional
-        As for :func:`calibrate`.
+        As for :func:`calibrate`; without a picture nothing tells the field, so it cannot be ``"auto"``.
     id : str, optional
         Name of the frame; ``"points"`` when None.
 
@@ -318,9 +319,11 @@ def calibrate_points(
         A name that the field does not have or that two arguments have, something that is no point, several pixels of
         one point, a point of the field or a pixel that lies far outside, or a picture without a width or height.
     ConfigError, TypeError
-        As for :func:`calibrate`, of the configuration and the name.
+        As for :func:`calibrate`, of the configuration and the name; or the field is ``"auto"``.
     """
     chosen = configure(config, field, set)
+    if chosen.field.template == AUTO:
+        raise ConfigError(f"field: {AUTO} is for pictures, which tell their field; name the field of the points")
     name = _name_frame(id, "points")
     if convention not in get_args(Convention):
         raise InputError(f"convention: {convention!r} is neither {' nor '.join(map(repr, get_args(Convention)))}")

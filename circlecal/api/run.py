@@ -96,7 +96,7 @@ class Run(Sequence[Calibration]):
         return f"Run({str(self.path)!r}, {len(self)} frames)"
 
 
-def load(path: str | Path, field: str | Path | None = None) -> Any:
+def load(path: str | Path, field: str | Path | None = None) -> Calibration | Run:
     """Read a result file, or open the results of a run.
 
     Parameters
@@ -111,7 +111,7 @@ def load(path: str | Path, field: str | Path | None = None) -> Any:
     -------
     Calibration or Run
         A run is a sequence of calibrations that reads each when it is asked for. Which of the two it is only the file
-        tells, so type checkers take it for either.
+        tells; ``isinstance`` tells type checkers.
 
     Raises
     ------

@@ -70,7 +70,7 @@ def map_on_cluster(function: Callable[[T], R], arguments: Sequence[T], scheduler
     Raises
     ------
     MissingExtraError, InputError
-        As :func:`finished_by_cluster`, or several workers die on an argument.
+        As :func:`finish_on_cluster`, or several workers die on an argument.
     """
     from distributed import KilledWorker
 

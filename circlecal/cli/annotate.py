@@ -78,7 +78,8 @@ def annotate(
         )
 
     chosen = _suit_runs(runs, field, choose, quiet=quiet)
-    frames = take_part(list_frames(inputs, Sampling.parse(every or DEFAULT_EVERY, dashes="--")), part)
+    sampling = Sampling.parse(every or DEFAULT_EVERY, dashes="--")
+    frames = take_part(list_frames(inputs, sampling, chosen.limits), part)
     folder = out or (runs[0] / ANNOTATION_FOLDER if runs else Path("circlecal-annotations"))
     if exists(folder) and not is_folder(folder):
         raise InputError(f"{folder}: is a file, not a folder; choose another --out")

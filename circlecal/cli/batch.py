@@ -249,10 +249,11 @@ def _digest_annotations(work: _Work, folder: Path | None, out: Path) -> dict[str
     clips = {video.name for video in work.videos}
     before = read_records(out, ResultRow) if clips and (out / RESULTS_NAME).is_file() else ()
     told: dict[str, str | None] = {row.id: None for row in before if row.annotation and clip_of(row.id) in clips}
-    told |= {name: digest for name, digest in digest_annotations(folder).items() if clip_of(name) in clips}
+    named = digest_annotations(folder, on_error=lambda _: None)  # a damaged one is told with its frame
+    told |= {name: digest for name, digest in named.items() if clip_of(name) in clips}
     for frame in work.frames:
         if isinstance(frame, PictureFile):
-            with suppress(InputError):  # a damaged one is told with its frame
+            with suppress(InputError):  # likewise
                 stored = find_annotation(folder, frame.id, frame.path if frame.url is None else None)
                 told[frame.id] = None if stored is None else stored.digest
     return told

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from circlecal.formats.inputs import FrameOfFile
     from circlecal.pictures.files import PictureFile
     from circlecal.pictures.inputs import Inputs
+    from circlecal.pictures.limits import LimitsConfig
     from circlecal.pictures.video import Sampling, Video
 
 ANY_SIZE = 1920, 1080
@@ -308,8 +309,9 @@ def _tell_way_to_video(paths: Sequence[Path]) -> str:
     )
 
 
-def choose_videos(inputs: Sequence[str], report: Callable[[Exception], None]) -> list[Video]:
-    """The videos among the inputs, with different names; those that cannot be read are reported.
+def choose_videos(inputs: Sequence[str], limits: LimitsConfig, report: Callable[[Exception], None]) -> list[Video]:
+    """The videos among the inputs, with different names; those that cannot be read or are beyond the limits are
+    reported.
 
     Raises
     ------
@@ -333,7 +335,7 @@ def choose_videos(inputs: Sequence[str], report: Callable[[Exception], None]) ->
     names = distinct_names([path.stem for path in named.videos])
     for path, name in zip(named.videos, names, strict=True):
         try:
-            videos.append(Video.open(path, name))
+            videos.append(Video.open(path, name, limits))
         except InputError as error:
             report(error)
     return videos

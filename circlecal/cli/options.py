@@ -36,12 +36,11 @@ def complete_field_or_auto(incomplete: str) -> list[str]:
 
 
 def _require_folder(folder: Path | None) -> Path | None:
-    """A folder that was named, if it is there: what is read from it is optional, and would be missed in silence."""
-    from circlecal.errors import InputError
-    from circlecal.files import is_folder
+    """A folder of annotations that was named, if it is there."""
+    from circlecal.formats.annotation import require_annotations
 
-    if folder is not None and not is_folder(folder):
-        raise InputError(f"{folder}: no such folder of annotations; circlecal annotate writes one")
+    if folder is not None:
+        require_annotations(folder)
     return folder
 
 

@@ -85,7 +85,7 @@ def track(
     sampling = Sampling.parse(every or DEFAULT_EVERY, start, end, dashes="--")
     exports = options.choose_exports(to, eval_size)
     failures: list[Exception] = []
-    videos = choose_videos(inputs, console.error_reporter(failures))
+    videos = choose_videos(inputs, chosen.limits, console.error_reporter(failures))
     note_late_start(videos, sampling)
     if not quiet:
         note_idle_options((), None, None, to, eval_size)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -34,7 +34,7 @@ from circlecal.geometry.camera import rotation_matrix
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import Surface, SurfaceShape
 from circlecal.records.json_text import read_result
-from circlecal.records.log import is_log, read_records
+from circlecal.records.log import RESULTS_NAME, is_log, leave_out_copies, read_records
 from circlecal.records.record import ResultRecord
 
 SCORED_FIELD = "soccer"
@@ -88,7 +88,8 @@ def read_annotated_points(folder: Path, size: Size) -> dict[str, Annotated]:
     InputError
         No such folder, no annotation in it, a damaged file or an unknown class, or one frame in two folders.
     """
-    files = [path for path in _files(folder, (".json",)) if not path.name.startswith(("camera_", "extremities_"))]
+    files = [path for path in _sources(folder) if path.suffix == ".json"]
+    files = [path for path in files if not path.name.startswith(("camera_", "extremities_"))]
     found: dict[str, Annotated] = {}
     places = _Places()
     for path in files:
@@ -101,7 +102,7 @@ def read_annotated_points(folder: Path, size: Size) -> dict[str, Annotated]:
                 raise InputError(f"{path}: {shape.label}: is no class of SoccerNet; correct its spelling")
             earlier = classes.get(shape.label, np.zeros((0, 2)))
             classes[shape.label] = np.concatenate([earlier, shape.points_px])
-        places.enter(path, path.stem, known.name)
+        places.enter(path, path.stem)
         found[path.stem] = classes
     if not found:
         raise InputError(f"{folder}: holds no line annotation of SoccerNet (<id>.json)")
@@ -112,20 +113,20 @@ class _Places:
     """In which files frames were found: clips whose frames are numbered alike are evaluated one by one."""
 
     def __init__(self) -> None:
-        self.files: dict[tuple[str, str], Path] = {}
+        self.files: dict[str, Path] = {}
 
-    def enter(self, path: Path, frame_id: str, form: str) -> None:
-        """Note that a file of a format holds a frame.
+    def enter(self, path: Path, frame_id: str) -> None:
+        """Note that a file holds a frame.
 
         Raises
         ------
         InputError
-            A file of that format in another folder holds a frame of that name.
+            A file in another folder holds a frame of that name.
         """
-        earlier = self.files.setdefault((frame_id, form), path)
+        earlier = self.files.setdefault(frame_id, path)
         if earlier.parent != path.parent:
             raise InputError(
-                f"{path}: is of the frame {frame_id}, as {earlier} is; evaluate one folder after the other, or give "
+                f"{path}: holds the frame {frame_id}, as {earlier} does; evaluate one folder after the other, or give "
                 "their frames different names"
             )
 
@@ -138,8 +139,9 @@ def holds_cameras(folder: Path) -> bool:
     InputError
         No such folder, or a file of no known format.
     """
-    files = _files(folder, (".json", MATRIX_SUFFIX))
-    return all(not isinstance(_open(path)[0], AnnotationFormat) for path in files) and bool(files or _logs(folder))
+    sources = _sources(folder)
+    files = [path for path in sources if not is_log(path)]
+    return bool(sources) and all(not isinstance(_open(path)[0], AnnotationFormat) for path in files)
 
 
 def read_predictions(folder: Path, size: Size, given_size: Size | None = None) -> dict[str, Prediction]:
@@ -149,8 +151,9 @@ def read_predictions(folder: Path, size: Size, given_size: Size | None = None) -
     ----------
     folder : path
         ``camera_<id>.json``, results of circlecal (``<id>.json``, ``results.jsonl``), ``<id>.homographyMatrix``,
-        or the truth of frames of ``circlecal synth``; also in subfolders. Of the latter soccer frames are read in which
-        enough to calibrate is in view.
+        or the truth of frames of ``circlecal synth``; also in subfolders. Of a folder with a ``results.jsonl`` that
+        alone is read, and nothing beside or below it. Of truth soccer frames are read in which enough to calibrate is
+        in view.
     size : (int, int)
         At which is evaluated.
     given_size : (int, int), optional
@@ -164,30 +167,12 @@ def read_predictions(folder: Path, size: Size, given_size: Size | None = None) -
     found: dict[str, Prediction] = {}
     others: set[str] = set()
     places = _Places()
-    for path in _files(folder, (".json", MATRIX_SUFFIX)):
-        known, content = _open(path)
-        more: dict[str, Prediction] = {}
-        if known is _TRUTH:
-            truth = parse_content(_FrameTruth, path, content.raw)
-            others |= {truth.field} - {SCORED_FIELD}
-            more = _true_camera(path, truth, size)
-        elif known is soccernet_camera.FORMAT:
-            keys = parse_content(CameraKeys, path, content.raw)
-            frame_id = path.stem.removeprefix(soccernet_camera.PREFIX)
-            more = {frame_id: Prediction(_soccernet(path, keys, size, given_size))}
-        elif isinstance(known, CameraFormat):
-            more = _further(known.read(path, content.raw, given_size), size)
-        elif known is RESULT:
-            record = read_result(path)
-            others |= _other_field(record)
-            more = _own_result(record, size)
-        for frame_id in more:
-            places.enter(path, frame_id, known.name)
-        found |= more
-    for log in _logs(folder):
-        for record in read_records(log):
-            others |= _other_field(record)
-            found |= _own_result(record, size)
+    for path in _sources(folder):
+        held = _read_source(path, size, given_size)
+        for frame_id in held.ids:
+            places.enter(path, frame_id)
+        found |= held.predictions
+        others |= held.other_fields
     if not found and others:
         raise InputError(
             f"{folder}: holds cameras of {' and '.join(sorted(others))}, and the metrics are those of {SCORED_FIELD} "
@@ -200,14 +185,59 @@ def read_predictions(folder: Path, size: Size, given_size: Size | None = None) -
     return found
 
 
-def _files(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
+def _sources(folder: Path) -> list[Path]:
+    """Files of a folder that may hold annotations or cameras, of a run its results alone."""
     if not is_folder(folder):
         raise InputError(f"{folder}: is no folder; give one with a file per frame")
-    return find_files(folder, suffixes)
+    files = leave_out_copies(find_files(folder, (".json", MATRIX_SUFFIX, ".jsonl")))
+    return [path for path in files if path.suffix != ".jsonl" or path.name == RESULTS_NAME or is_log(path)]
 
 
-def _logs(folder: Path) -> list[Path]:
-    return [path for path in _files(folder, (".jsonl",)) if is_log(path)]
+@dataclass(frozen=True, slots=True)
+class _Held:
+    """What a file holds: the frames that it is of, what it predicts of them, and fields of other sports."""
+
+    ids: frozenset[str] = frozenset()
+    predictions: Mapping[str, Prediction] = field(default_factory=dict)
+    other_fields: frozenset[str] = frozenset()
+
+
+def _read_source(path: Path, size: Size, given_size: Size | None) -> _Held:
+    """What a file holds.
+
+    Raises
+    ------
+    InputError
+        It is damaged, or of no known format.
+    """
+    if path.suffix == ".jsonl":
+        return _of_records(read_records(path), size)
+    known, content = _open(path)
+    if known is RESULT:
+        return _of_records([read_result(path)], size)
+    if known is _TRUTH:
+        truth = parse_content(_FrameTruth, path, content.raw)
+        return _Held(frozenset({truth.id}), _true_camera(path, truth, size), frozenset({truth.field} - {SCORED_FIELD}))
+    found: dict[str, Prediction] = {}
+    if known is soccernet_camera.FORMAT:
+        keys = parse_content(CameraKeys, path, content.raw)
+        frame_id = path.stem.removeprefix(soccernet_camera.PREFIX)
+        found = {frame_id: Prediction(_soccernet(path, keys, size, given_size))}
+    elif isinstance(known, CameraFormat):
+        found = _further(known.read(path, content.raw, given_size), size)
+    return _Held(frozenset(found), found)
+
+
+def _of_records(records: Iterable[ResultRecord], size: Size) -> _Held:
+    """What results hold: a frame that was refused is one that they are of."""
+    ids: set[str] = set()
+    found: dict[str, Prediction] = {}
+    others: set[str] = set()
+    for record in records:
+        ids.add(record.id)
+        found |= _own_result(record, size)
+        others |= _other_field(record)
+    return _Held(frozenset(ids), found, frozenset(others))
 
 
 def _open(path: Path) -> tuple[Format, Content]:

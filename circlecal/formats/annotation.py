@@ -13,8 +13,9 @@ other formats a marking has its SoccerNet class where there is one, and a line w
 from __future__ import annotations
 
 import hashlib
+import json
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -24,7 +25,7 @@ from pydantic import Field, field_validator, model_validator
 
 from circlecal.errors import CirclecalError, InputError
 from circlecal.field import FieldTemplate, load_field
-from circlecal.files import are_different
+from circlecal.files import are_different, is_folder
 from circlecal.formats.cameras import Size
 from circlecal.formats.format import (
     MAX_POINTS,
@@ -376,20 +377,59 @@ def is_annotation_file(path: Path) -> bool:
         return False
 
 
-def read_annotations(folder: Path | None) -> Iterator[StoredAnnotation]:
-    """All that people said, file by file; files that are no annotations are passed over."""
+def require_annotations(folder: Path) -> None:
+    """See that a folder that was named is there: what is read from it is optional, and would be missed in silence.
+
+    Raises
+    ------
+    InputError
+        There is no such folder.
+    """
+    if not is_folder(folder):
+        raise InputError(f"{folder}: no such folder of annotations; circlecal annotate writes one")
+
+
+def read_annotations(
+    folder: Path | None, on_error: Callable[[InputError], None] | None = None
+) -> Iterator[StoredAnnotation]:
+    """All that people said, file by file; JSON of another kind is passed over.
+
+    Parameters
+    ----------
+    folder : path or None
+        Of annotations; one that is not there holds none.
+    on_error : callable, optional
+        Called with the error of each damaged file, and the others go on.
+
+    Raises
+    ------
+    InputError
+        Without ``on_error``, a file that is damaged or cannot be read.
+    """
     for path in [] if folder is None or not folder.is_dir() else sorted(folder.glob("*.json")):
         try:
-            stored = _load_file(path)
-        except InputError:
+            stored = None if _is_of_another_kind(path) else _load_file(path)
+        except InputError as error:
+            if on_error is None:
+                raise
+            on_error(error)
             continue
-        if stored.annotation.touched:
+        if stored is not None and stored.annotation.touched:
             yield stored
 
 
-def digest_annotations(folder: Path | None) -> dict[str, str]:
-    """Digests of all that people said, by the id of the frame."""
-    return {stored.annotation.id: stored.digest for stored in read_annotations(folder)}
+def _is_of_another_kind(path: Path) -> bool:
+    """Whether a file is sound JSON, and no annotation."""
+    try:
+        value = json.loads(Content.of(path).raw)
+    except (ValueError, RecursionError):
+        return False
+    return not isinstance(value, dict) or "annotation_version" not in value
+
+
+def digest_annotations(folder: Path | None, on_error: Callable[[InputError], None] | None = None) -> dict[str, str]:
+    """Digests of all that people said, by the id of the frame; parameters and errors as :func:`read_annotations`."""
+    return {stored.annotation.id: stored.digest for stored in read_annotations(folder, on_error)}
 
 
 def _load_file(path: Path) -> StoredAnnotation:

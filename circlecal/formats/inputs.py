@@ -37,7 +37,8 @@ from circlecal.formats.shapes import AnnotatedFrame, ObservedFrame, Shape
 from circlecal.formats.soccernet import LINE_CLASSES
 from circlecal.observations import Observations
 from circlecal.pictures.files import PICTURE_SUFFIXES, PictureFile, distinct_names, walk
-from circlecal.records.log import RESULTS_NAME
+from circlecal.records.log import RESULTS_NAME, leave_out_copies, read_records
+from circlecal.records.record import ResultRow
 
 BESIDE_SUFFIXES = (".json", ".xml")
 """Of annotations that programs put beside pictures."""
@@ -191,12 +192,12 @@ def find_unused_annotations(frames: Sequence[PictureFile]) -> list[Path]:
 
 def find_convertible(inputs: Sequence[Path], format_name: str | None, out: Path) -> list[Path]:
     """Files to convert among files and folders; in a folder those of known suffix, of a run its results alone: the same
-    frames lie beside them in the formats in which it wrote them, unless one is named.
+    frames lie beside and below them in the formats in which it wrote them, unless one is named.
 
     Raises
     ------
     InputError
-        An unknown format, a missing input, or nothing to convert.
+        An unknown format, a missing input, nothing to convert, or a folder of runs of which two hold a frame.
     """
     if format_name is not None:
         require_format(format_name, {f.name: f for f in formats()}, "--from", "known format")
@@ -204,13 +205,10 @@ def find_convertible(inputs: Sequence[Path], format_name: str | None, out: Path)
     for given in inputs:
         if is_folder(given):
             found = _files_in(given, [out])
-            runs = {path.parent for path in found if path.name == RESULTS_NAME} if format_name is None else set()
-            files += [
-                path
-                for path in found
-                if path.suffix.lower() in annotation_suffixes()
-                and (path.name == RESULTS_NAME or runs.isdisjoint(path.parents))
-            ]
+            if format_name is None:
+                found = leave_out_copies(found)
+                _require_different_frames([path for path in found if path.name == RESULTS_NAME])
+            files += [path for path in found if path.suffix.lower() in annotation_suffixes()]
         else:
             files.append(given)
     if not files:
@@ -218,6 +216,22 @@ def find_convertible(inputs: Sequence[Path], format_name: str | None, out: Path)
             f"{', '.join(map(str, inputs))}: nothing to convert; give {', '.join(annotation_suffixes())} files"
         )
     return files
+
+
+def _require_different_frames(logs: Sequence[Path]) -> None:
+    """Runs that lie in one folder are of different frames.
+
+    Raises
+    ------
+    InputError
+        Two of them hold a frame.
+    """
+    places: dict[str, Path] = {}
+    for log in logs if len(logs) > 1 else ():
+        for row in read_records(log, ResultRow):
+            earlier = places.setdefault(row.id, log)
+            if earlier != log:
+                raise InputError(f"{log}: holds the frame {row.id}, as {earlier} does; give one of the two runs")
 
 
 def refuse_overwriting(frames: Sequence[FrameOfFile], out: Path) -> None:

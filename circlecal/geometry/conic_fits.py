@@ -39,8 +39,8 @@ def conics_through_points(points: ArrayLike) -> Array:
     """Conics (..., 3, 3) through exactly five points (..., 5, 2), all at once.
 
     Normalise the points to unit scale first; degenerate samples (repeated or collinear points) give arbitrary conics,
-    to be sorted out by :func:`is_ellipse` and by their score. The constant term is fixed to 1, so the origin must not
-    lie on the conic: the caller's coordinates are shifted here by an irrational offset.
+    to be sorted out by :func:`circlecal.geometry.conics.is_ellipse` and by their score. The constant term is fixed
+    to 1, so the origin must not lie on the conic: the caller's coordinates are shifted here by an irrational offset.
     """
     p = np.asarray(points, dtype=np.float64)
     shift = np.array([np.pi, np.e])

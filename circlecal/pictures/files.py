@@ -22,7 +22,7 @@ from circlecal.errors import InputError
 from circlecal.files import is_folder, list_folder, read_file, real_path, require_input, size_in_words, write_atomic
 from circlecal.names import as_stem
 from circlecal.pictures.headers import MIN_SIDE, read_header
-from circlecal.pictures.limits import DEFAULT_LIMITS, LimitsConfig
+from circlecal.pictures.limits import DEFAULT_LIMITS, LimitsConfig, suggest_limit
 
 PICTURE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 MASK_SUFFIX = ".mask.png"
@@ -261,7 +261,7 @@ def read_picture_bytes(path: str | Path, min_side: int = MIN_SIDE, limits: Limit
     InputError
         As :func:`read_image`.
     """
-    content = read_file(path, limits.max_bytes, "scale the picture down or raise --max-bytes")
+    content = read_file(path, limits.max_bytes, suggest_limit("max_bytes"))
     require_picture(path, content, min_side, limits)
     return content
 
@@ -285,7 +285,8 @@ def require_picture(
     if header.decoded_bytes > limits.max_decoded_bytes:
         decoded = f"{size} pixels of {header.bits} bit, {size_in_words(header.decoded_bytes)} once decoded"
         limit = f"more than {limits.max_pixels / 1e6:g} million of 8 bit"
-        raise InputError(f"{path}: has {decoded}, {limit}; scale it down or raise --max-pixels")
+        mend = suggest_limit("max_pixels", limits.pixels_of(header.decoded_bytes))
+        raise InputError(f"{path}: has {decoded}, {limit}; {mend}")
     if min(header.width, header.height) < min_side:
         raise InputError(f"{path}: has only {size} pixels; at least {min_side} on each side are needed")
     if header.truncated:

@@ -44,5 +44,15 @@ class LimitsConfig(BaseModel):
         """Largest picture once decoded."""
         return _BYTES_PER_PIXEL * self.max_pixels
 
+    @staticmethod
+    def pixels_of(decoded_bytes: int) -> int:
+        """As how many pixels of 8 bit a picture counts that takes so many bytes once decoded."""
+        return -(-decoded_bytes // _BYTES_PER_PIXEL)
+
 
 DEFAULT_LIMITS = LimitsConfig()
+
+
+def suggest_limit(name: str, needed: object = "N") -> str:
+    """What helps where something is larger than a limit, in words that every command and the library understand."""
+    return f"scale it down or raise limits.{name} (--set limits.{name}={needed})"

@@ -17,7 +17,7 @@ from typing import IO, Any
 from circlecal.errors import InputError, MissingExtraError
 from circlecal.files import size_in_words
 from circlecal.pictures.files import distinct_names
-from circlecal.pictures.limits import DEFAULT_LIMITS, LimitsConfig
+from circlecal.pictures.limits import DEFAULT_LIMITS, LimitsConfig, suggest_limit
 
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+://")
 _WEB = ("http", "https")
@@ -152,7 +152,7 @@ def _read_block(answer: Any) -> bytes:
 
 
 def _too_large(limits: LimitsConfig) -> str:
-    return f"it has more than {size_in_words(limits.max_bytes)}; scale the picture down or raise --max-bytes"
+    return f"it has more than {size_in_words(limits.max_bytes)}; {suggest_limit('max_bytes')}"
 
 
 def _read_by_fsspec(url: str, limits: LimitsConfig) -> bytes:

@@ -24,7 +24,7 @@ from circlecal.errors import InputError
 from circlecal.files import file_size, require_regular
 from circlecal.pictures.files import PictureFile
 from circlecal.pictures.headers import MIN_SIDE
-from circlecal.pictures.limits import DEFAULT_LIMITS, LimitsConfig
+from circlecal.pictures.limits import LimitsConfig, suggest_limit
 
 if TYPE_CHECKING:
     import av
@@ -183,13 +183,13 @@ class Video:
     bytes: int | None = None
 
     @classmethod
-    def open(cls, path: Path, name: str, limits: LimitsConfig = DEFAULT_LIMITS) -> Video:
+    def open(cls, path: Path, name: str, limits: LimitsConfig) -> Video:
         """Read the header and the first frame.
 
         Raises
         ------
         InputError
-            Missing, no video, or one whose frames cannot be decoded.
+            Missing, no video, or one whose frames cannot be decoded or are larger than the limits allow.
         """
         size_bytes = file_size(path)
         with _Decoder(path) as decoder:
@@ -199,7 +199,7 @@ class Video:
                 raise InputError(f"{path}: {size}; at least {MIN_SIDE} on each side are needed")
             if width * height > limits.max_pixels:
                 limit = f"more than {limits.max_pixels / 1e6:g} million"
-                raise InputError(f"{path}: {size}, {limit}; scale it down or raise --max-pixels")
+                raise InputError(f"{path}: {size}, {limit}; {suggest_limit('max_pixels', width * height)}")
             return cls(path, name, width, height, decoder.rate, decoder.duration_s, decoder.aspect, size_bytes)
 
     def estimate_count(self, sampling: Sampling) -> int:

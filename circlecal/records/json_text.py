@@ -139,8 +139,8 @@ def require_single_keys(content: bytes, name: str) -> None:
 
 
 def validate_json(model: type[Model], content: bytes | str, strict: bool | None = None) -> Model:
-    """A model from its JSON text, in which names may stand that no encoding can write (:data:`Text` of the model); a
-    byte order mark before it is passed over.
+    """A model from its JSON text, in which names may stand that no encoding can write
+    (:data:`circlecal.records.parts.Text`); a byte order mark before it is passed over.
 
     Raises
     ------

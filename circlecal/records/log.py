@@ -8,7 +8,7 @@ import logging
 import os
 import sqlite3
 import time
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -242,7 +242,9 @@ class ResultLog:
             start += len(line)
 
     def append(self, finished: Finished) -> None:
-        """Write one line; it outlives this process at once, and the machine after a second at most.
+        """Write one line, which outlives this process at once. Lines are forced to the disk with the first that is
+        written a second or more after those before it, and when the run ends: a machine that loses its power loses what
+        its system still holds of the last ones.
 
         Raises
         ------
@@ -323,6 +325,14 @@ def is_log(path: Path) -> bool:
     except InputError:
         return False
     return path.name == RESULTS_NAME if first is None else bool(is_record(first))
+
+
+def leave_out_copies(files: Sequence[Path]) -> list[Path]:
+    """The files without those that lie beside or below the ``results.jsonl`` of a run: its frames in other formats, and
+    runs that were made of it, as that of its rig.
+    """
+    runs = {path.parent for path in files if path.name == RESULTS_NAME}
+    return [path for path in files if runs.isdisjoint(path.parents[1 if path.name == RESULTS_NAME else 0 :])]
 
 
 def find_results(path: Path) -> list[Path]:

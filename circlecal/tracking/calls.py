@@ -10,6 +10,7 @@ from circlecal.api import Calibration
 from circlecal.api.calls import Settings, configure, open_video
 from circlecal.config import Config
 from circlecal.field import FieldTemplate
+from circlecal.formats.annotation import require_annotations
 from circlecal.pictures.video import Sampling, Video
 from circlecal.pipeline import field_of
 from circlecal.rig.venue import choose_field, read_venue
@@ -60,7 +61,8 @@ def track(
     Raises
     ------
     InputError
-        The file is missing, is a picture, or no video; a time that is none, or a damaged venue.
+        The file is missing, is a picture, or no video; a time that is none; a damaged venue or annotation, or no such
+        folder of annotations.
     ConfigError, MissingExtraError, TypeError
         As for :func:`circlecal.calibrate`.
     """
@@ -75,6 +77,8 @@ def track(
     template, _ = field_of(chosen)
     known = None if venue is None else read_venue(Path(venue), template)
     named = None if annotations is None else Path(annotations)
+    if named is not None:
+        require_annotations(named)
     return _calibrations(video, ClipRun(chosen, sampling, known, annotations=named), template)
 
 

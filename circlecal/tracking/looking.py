@@ -289,7 +289,8 @@ class Place:
 
     def follow_errors(self, look: Look) -> tuple[Array, float]:
         """How the paint of a look pulls its head along with painters' errors (3, E), and how far these leave the paint
-        off its markings: the square of its weighted sums in parts of the field, as of :func:`compare_spread`.
+        off its markings: the square of its weighted sums in parts of the field, as of
+        :func:`circlecal.tracking.head_fit.compare_spread`.
         """
         fit, seen, tripod = look.fit, look.measured, self.tripod
         count = self.by_errors.shape[1]

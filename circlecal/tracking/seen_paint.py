@@ -87,7 +87,8 @@ class MeasuredFrame:
     Attributes
     ----------
     marking, field_m : (M,), (M, 2) arrays
-        Which marking, and where on it before it moves with the sizes of the field: see :meth:`DrawnTemplate.places`.
+        Which marking, and where on it before it moves with the sizes of the field: see
+        :func:`circlecal.tracking.markings.place_markings`.
     points_px, normals : (M, 2) arrays
         Middle of the paint, and the direction across it in which it was measured.
     width_px, scale_px_m : (M,) arrays

@@ -15,6 +15,7 @@ from circlecal.errors import InputError
 from circlecal.files import exists, real_path, require_input
 from circlecal.pictures.files import PictureFile, find_frames, read_image
 from circlecal.pictures.inputs import expand_inputs
+from circlecal.pictures.limits import LimitsConfig
 from circlecal.pictures.remote import is_url
 from circlecal.pictures.video import Sampling, Video, pictures_at
 from circlecal.records.log import RESULTS_NAME, read_records
@@ -101,7 +102,7 @@ class RunFacts:
         return cls(tuple(fields), sizes, frozenset(digest for digest in plain if digest is not None))
 
 
-def list_frames(inputs: Sequence[str], sampling: Sampling) -> list[ListedFrame]:
+def list_frames(inputs: Sequence[str], sampling: Sampling, limits: LimitsConfig) -> list[ListedFrame]:
     """Frames of runs, pictures, folders of them and videos.
 
     Parameters
@@ -110,12 +111,14 @@ def list_frames(inputs: Sequence[str], sampling: Sampling) -> list[ListedFrame]:
         As the user names them.
     sampling : Sampling
         Which frames of videos.
+    limits : LimitsConfig
+        Of videos.
 
     Raises
     ------
     InputError
-        A missing input, a damaged run, a run none of whose pictures is where it was, a URL, two frames of one id, or
-        nothing to show.
+        A missing input, a video beyond the limits, a damaged run, a run none of whose pictures is where it was, a URL,
+        two frames of one id, or nothing to show.
     """
     found: list[ListedFrame] = []
     others = []
@@ -133,7 +136,7 @@ def list_frames(inputs: Sequence[str], sampling: Sampling) -> list[ListedFrame]:
         pictures = find_frames(named.paths) if named.paths else []
         found += [ListedFrame(frame) for frame in pictures]
         for path in named.videos:
-            video = Video.open(path, path.stem)
+            video = Video.open(path, path.stem, limits)
             found += [ListedFrame(replace(frame, picture=None)) for frame in video.frames(sampling)]
     if not found:
         raise InputError(f"{', '.join(map(str, inputs))}: holds no frames; give a run, pictures, a folder or a video")
@@ -195,31 +198,31 @@ def _row_of(record: ResultRow) -> ListedFrame:
     return ListedFrame(file).with_verdict(record.status, record.code, sigma, width)
 
 
-def tell_pixels(frame: PictureFile) -> PictureFile:
+def tell_pixels(frame: PictureFile, limits: LimitsConfig) -> PictureFile:
     """A listed frame with the shape of its pixels, where it is of a video that tells it.
 
     Raises
     ------
     InputError
-        The video cannot be read, or has moved.
+        The video cannot be read, is beyond the limits, or has moved.
     """
     if frame.time_s is None or frame.aspect is not None:
         return frame
-    return replace(frame, aspect=Video.open(frame.path, frame.id).aspect)
+    return replace(frame, aspect=Video.open(frame.path, frame.id, limits).aspect)
 
 
-def picture_of(frame: PictureFile) -> NDArray[np.uint8]:
+def picture_of(frame: PictureFile, limits: LimitsConfig) -> NDArray[np.uint8]:
     """The picture of a listed frame, BGR.
 
     Raises
     ------
     InputError
-        It cannot be read, or has moved.
+        It cannot be read, is beyond the limits, or has moved.
     """
     if frame.url is not None:
         raise InputError(f"{frame.url}: is an address; the workbench reads local pictures only")
     if frame.time_s is None:
-        return read_image(frame.path)
+        return read_image(frame.path, limits)
     picture = next(pictures_at(frame.path, [frame.time_s]))
     if picture is None:
         raise InputError(f"{frame.path}: the frame at {frame.time_s:.3f} s cannot be decoded")

@@ -142,7 +142,8 @@ class Session:
             if held is not None:
                 self._held.move_to_end(index)
                 return held
-        picture, file = picture_of(frame.file), tell_pixels(frame.file)
+        limits = self.config.limits
+        file, picture = tell_pixels(frame.file, limits), picture_of(frame.file, limits)
         measured = measure_picture(picture, self.config, file)
         held = OpenFrame(measured, begin_annotation(measured, self.config, file))
         with self._lock:

@@ -10,6 +10,7 @@ import pytest
 from videos import numbered_picture, write_h264, write_video
 
 from circlecal.cli import main
+from circlecal.pictures.limits import DEFAULT_LIMITS
 from circlecal.pictures.video import Sampling, Video
 from circlecal.records.log import INDEX_NAME, RESULTS_NAME
 
@@ -141,7 +142,7 @@ def test_frames_of_earlier_versions_without_the_size_of_their_video_are_gone_on_
 def test_the_size_is_that_of_the_video_when_it_was_opened(tmp_path):
     """One that is still written to is known as another one at the next start."""
     path = write_video(tmp_path / "a.avi", "MJPG", 50)
-    video, size = Video.open(path, "a"), path.stat().st_size
+    video, size = Video.open(path, "a", DEFAULT_LIMITS), path.stat().st_size
     with path.open("ab") as file:
         file.write(bytes(100))
     assert [frame.bytes for frame in video.frames(Sampling.parse("1s"))] == [size, size]

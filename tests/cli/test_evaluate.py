@@ -196,7 +196,7 @@ def test_frames_of_one_name_in_two_folders_are_not_mixed(run_circlecal, folders,
     assert (told.code, "as " in told.err, "one folder after the other" in told.err) == (2, True, True)
     assert "clip-b" in told.err
     told = run_circlecal("evaluate", truth / "clip-a", exact)
-    assert (told.code, "camera_0.json: is of the frame 0" in " ".join(told.err.split())) == (2, True)
+    assert (told.code, "camera_0.json: holds the frame 0" in " ".join(told.err.split())) == (2, True)
     assert run_circlecal("evaluate", truth / "clip-a", exact / "clip-a").code == 0
 
 
@@ -205,3 +205,41 @@ def test_a_size_and_a_threshold_that_count_for_nothing_are_refused(run_circlecal
     told = run_circlecal("evaluate", exact, exact, "--size", "1920x1080")
     assert (told.code, "leave --size out" in told.err) == (2, True)
     assert "--threshold" in run_circlecal("evaluate", truth, exact, "--threshold", "inf").err
+
+
+def test_a_run_is_its_results_and_two_runs_of_a_frame_are_not_mixed(run_circlecal, run_of_samples, tmp_path):
+    """``batch --rig`` writes the run of the rig below the first one: both were scored as one method, and converted
+    twice.
+    """
+    truth, result = tmp_path / "samples" / "truth", json.loads((run_of_samples / "full_circle.json").read_text())
+    outer, below = tmp_path / "both" / "results.jsonl", tmp_path / "both" / "rig" / "results.jsonl"
+    below.parent.mkdir(parents=True)
+    outer.write_text(json.dumps({**result, "id": "another"}) + "\n")
+    below.write_text(json.dumps(result) + "\n")
+    told = run_circlecal("evaluate", truth, tmp_path / "both")
+    assert (told.code, "has a camera for none of the 1 frame" in " ".join(told.err.split())) == (2, True)
+    assert methods_of(run_circlecal("evaluate", truth, below.parent, "--json"))["rig"]["answered"] == 1
+    outer.write_text(json.dumps(result) + "\n")
+    convert = ("convert", tmp_path / "both", "--to", "soccernet", "--out")
+    assert run_circlecal(*convert, tmp_path / "cameras").code == 0
+    assert [path.name for path in (tmp_path / "cameras").iterdir()] == ["camera_full_circle.json"]
+
+    (tmp_path / "both" / "first").mkdir()
+    outer.rename(tmp_path / "both" / "first" / "results.jsonl")
+    for command in (("evaluate", truth, tmp_path / "both"), (*convert, tmp_path / "again")):
+        told = run_circlecal(*command)
+        words = f"{below}: holds the frame full_circle, as {tmp_path / 'both' / 'first' / 'results.jsonl'} does;"
+        assert (told.code, words in " ".join(told.err.split())) == (2, True), told
+    below.write_text(json.dumps({**result, "id": "another"}) + "\n")
+    assert methods_of(run_circlecal("evaluate", truth, tmp_path / "both", "--json"))["both"]["answered"] == 1
+    assert run_circlecal(*convert, tmp_path / "two").code == 0
+    assert len(list((tmp_path / "two").iterdir())) == 2
+
+
+def test_a_frame_that_another_run_refused_is_not_taken_from_the_other(run_circlecal, run_of_samples, tmp_path):
+    result = json.loads((run_of_samples / "full_circle.json").read_text())
+    for name, record in (("a", result), ("b", {**result, "status": "refused", "code": "no_circle"})):
+        (tmp_path / "runs" / name).mkdir(parents=True)
+        (tmp_path / "runs" / name / "results.jsonl").write_text(json.dumps(record) + "\n")
+    told = run_circlecal("evaluate", tmp_path / "samples" / "truth", tmp_path / "runs")
+    assert (told.code, "holds the frame full_circle" in " ".join(told.err.split())) == (2, True)

@@ -157,3 +157,13 @@ def test_evaluate_reads_the_run(clip, tmp_path, run_circlecal):
     names = {frame.id for frame in circlecal.load(tmp_path / "out")}
     found = read_predictions(tmp_path / "out", (960, 540))
     assert found.keys() == names and len(names) == 3
+
+
+def test_the_limit_of_pixels_is_the_users(clip, tmp_path, run_circlecal):
+    """It was not read here, and the message named an option that the command does not have."""
+    width, height = scripted.SIZE
+    limited = ("--set", f"limits.max_pixels={width * height - 1}")
+    told = run_circlecal("track", clip, "--out", tmp_path / "out", *limited)
+    mend = f"scale it down or raise limits.max_pixels (--set limits.max_pixels={width * height})"
+    assert told.code == 2 and mend in " ".join(told.err.split()), told
+    assert run_circlecal("track", clip, "--out", tmp_path / "out", *limited[:1], mend.split()[-1].rstrip(")")).code == 1

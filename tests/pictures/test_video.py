@@ -21,6 +21,7 @@ from videos import (
 )
 
 from circlecal.errors import InputError
+from circlecal.pictures.limits import DEFAULT_LIMITS
 from circlecal.pictures.video import Sampling, Video, _Decoder, frame_id, pictures_at
 
 COUNT = 700
@@ -39,7 +40,7 @@ def fail(missing: str) -> None:
 
 def taken(path: Path, every: str, start: str | None = None, end: str | None = None) -> list[tuple[int, float]]:
     """Number shown by, and time of each frame."""
-    frames = Video.open(path, "match").frames(Sampling.parse(every, start, end), fail)
+    frames = Video.open(path, "match", DEFAULT_LIMITS).frames(Sampling.parse(every, start, end), fail)
     return [(number_of(frame.picture), frame.time_s) for frame in frames]
 
 
@@ -147,7 +148,7 @@ def test_long_stretches_are_skipped(tmp_path, monkeypatch):
 
 def test_memory_does_not_grow_with_the_length(tmp_path):
     path = write_video(tmp_path / "match.avi", "MJPG", COUNT)
-    video = Video.open(path, "match")
+    video = Video.open(path, "match", DEFAULT_LIMITS)
     tracemalloc.start()
     for frame in video.frames(Sampling.parse("1"), fail):
         assert frame.picture.shape == (HEIGHT, WIDTH, 3)
@@ -158,7 +159,7 @@ def test_memory_does_not_grow_with_the_length(tmp_path):
 
 def test_ids_sort_as_times_do(tmp_path):
     path = write_video(tmp_path / "match.avi", "MJPG", 60)
-    frames = list(Video.open(path, "match").frames(Sampling.parse("1s"), fail))
+    frames = list(Video.open(path, "match", DEFAULT_LIMITS).frames(Sampling.parse("1s"), fail))
     assert [frame.id for frame in frames] == ["match_00-00-00.000", "match_00-00-01.000", "match_00-00-02.000"]
     times = [0.0, 0.04, 59.999, 60.0, 3599.96, 3600.0, 36000.0]
     assert sorted(frame_id("x", time) for time in times) == [frame_id("x", time) for time in times]
@@ -166,7 +167,7 @@ def test_ids_sort_as_times_do(tmp_path):
 
 
 def test_what_the_header_says(tmp_path):
-    video = Video.open(write_video(tmp_path / "match.avi", "MJPG", 100), "match")
+    video = Video.open(write_video(tmp_path / "match.avi", "MJPG", 100), "match", DEFAULT_LIMITS)
     assert (video.width, video.height, video.rate, video.duration_s, video.aspect) == (WIDTH, HEIGHT, RATE, 4.0, None)
     for every, count in (("1s", 4), ("1", 100), ("30", 4), ("10ms", 100)):
         sampling = Sampling.parse(every)
@@ -175,7 +176,7 @@ def test_what_the_header_says(tmp_path):
 
 def test_pixels_that_are_not_square(tmp_path):
     path = write_h264(tmp_path / "match.mp4", [numbered_picture(k) for k in range(3)], aspect=Fraction(16, 15))
-    video = Video.open(path, "match")
+    video = Video.open(path, "match", DEFAULT_LIMITS)
     assert video.aspect == pytest.approx(16 / 15)
     assert [frame.aspect for frame in video.frames(Sampling.parse("2"), fail)] == [video.aspect] * 2
 
@@ -186,7 +187,7 @@ def test_a_picture_is_turned_as_players_show_it(tmp_path, turned_deg):
         pytest.skip("this PyAV writes no rotation")
     picture = cv2.resize(numbered_picture(1234), None, fx=2, fy=2)
     path = write_h264(tmp_path / "phone.mp4", [picture] * 3, turned_deg=turned_deg, aspect=Fraction(4, 3))
-    video = Video.open(path, "phone")
+    video = Video.open(path, "phone", DEFAULT_LIMITS)
     frame = next(video.frames(Sampling.parse("1"), fail))
     np.testing.assert_allclose(frame.picture, np.rot90(picture, turned_deg // 90), atol=40)
     assert frame.picture.shape[:2] == (video.height, video.width)
@@ -206,7 +207,7 @@ def test_a_clip_cut_by_stream_copy_shows_what_its_edit_list_says(tmp_path, whole
     path = copy_stream(whole_match, tmp_path / "clip.mp4", 8.0, 14.0, {"avoid_negative_ts": "disabled"})
     with av.open(str(path)) as container:
         assert container.streams.video[0].frames > 150  # those before 8 s are in the file, and are not shown
-    video = Video.open(path, "clip")
+    video = Video.open(path, "clip", DEFAULT_LIMITS)
     found = taken(path, "1")
     assert [number for number, _ in found] == list(range(200, 200 + len(found)))
     assert [time for _, time in found] == pytest.approx([k / RATE for k in range(len(found))], abs=1e-3)
@@ -227,7 +228,7 @@ def test_a_clip_that_begins_between_key_frames_begins_with_the_first_frame_that_
                 packet.stream = target
                 written.mux(packet)
     missing: list[str] = []
-    video = Video.open(path, "clip")
+    video = Video.open(path, "clip", DEFAULT_LIMITS)
     frames = list(video.frames(Sampling.parse("1"), missing.append))
     assert [number_of(frame.picture) for frame in frames] == list(range(250, 250 + len(frames)))
     assert [frame.time_s for frame in frames] == pytest.approx([k / RATE for k in range(len(frames))], abs=1.1e-3)
@@ -249,7 +250,7 @@ def test_a_truncated_video_gives_what_it_has_and_one_line(tmp_path):
     content = path.read_bytes()
     path.write_bytes(content[: len(content) // 2])
     missing: list[str] = []
-    frames = list(Video.open(path, "match").frames(Sampling.parse("25"), missing.append))
+    frames = list(Video.open(path, "match", DEFAULT_LIMITS).frames(Sampling.parse("25"), missing.append))
     assert [number_of(frame.picture) for frame in frames][:4] == [0, 25, 50, 75]
     assert len(missing) == 1
     assert f"{path}: ends at 00:00:0" in missing[0]
@@ -263,7 +264,7 @@ def test_what_cannot_be_decoded_is_left_out_and_told_once(tmp_path):
     content[start : start + 1000] = np.random.default_rng(0).bytes(1000)
     path.write_bytes(content)
     missing: list[str] = []
-    frames = list(Video.open(path, "match").frames(Sampling.parse("1"), missing.append))
+    frames = list(Video.open(path, "match", DEFAULT_LIMITS).frames(Sampling.parse("1"), missing.append))
     assert 150 < len(frames) <= 200
     assert number_of(frames[0].picture) == 0
     assert number_of(frames[-1].picture) == 199
@@ -276,12 +277,12 @@ def test_no_video(tmp_path, content):
     path = tmp_path / "match.mp4"
     path.write_bytes(content)
     with pytest.raises(InputError, match="is no video that can be read"):
-        Video.open(path, "match")
+        Video.open(path, "match", DEFAULT_LIMITS)
 
 
 def test_a_missing_video(tmp_path):
     with pytest.raises(InputError, match="no such file"):
-        Video.open(tmp_path / "match.mp4", "match")
+        Video.open(tmp_path / "match.mp4", "match", DEFAULT_LIMITS)
 
 
 @pytest.mark.parametrize("every", ["0", "0s", "-1", "1.5", "often", "", "s", "1e3"])

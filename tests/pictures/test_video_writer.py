@@ -8,12 +8,13 @@ from videos import number_of, numbered_picture
 
 from circlecal.errors import InputError
 from circlecal.pictures import video_writer
+from circlecal.pictures.limits import DEFAULT_LIMITS
 from circlecal.pictures.video import Sampling, Video
 from circlecal.pictures.video_writer import write_video
 
 
 def read(path):
-    return list(Video.open(path, "x").frames(Sampling.parse("1")))
+    return list(Video.open(path, "x", DEFAULT_LIMITS).frames(Sampling.parse("1")))
 
 
 @pytest.mark.parametrize("rate", [24, 25, 30000 / 1001, 50, 60])
@@ -25,7 +26,7 @@ def test_every_frame_has_its_time(tmp_path, rate):
     frames = read(path)
     assert [number_of(frame.picture) for frame in frames] == list(range(40))
     assert [frame.time_s for frame in frames] == pytest.approx([k / rate for k in range(40)], abs=1e-5)
-    assert Video.open(path, "x").rate == pytest.approx(rate)
+    assert Video.open(path, "x", DEFAULT_LIMITS).rate == pytest.approx(rate)
 
 
 def test_times_need_not_be_even(tmp_path):
@@ -93,4 +94,6 @@ def test_pixels_that_are_not_square_stay_so(tmp_path):
     for name, aspect in (("wide", 4 / 3), ("square", None)):
         with write_video(tmp_path / f"{name}.mp4", 25.0, aspect) as writer:
             writer.write(numbered_picture(0), 0.0)
-        assert Video.open(tmp_path / f"{name}.mp4", name).aspect == (None if aspect is None else pytest.approx(aspect))
+        assert Video.open(tmp_path / f"{name}.mp4", name, DEFAULT_LIMITS).aspect == (
+            None if aspect is None else pytest.approx(aspect)
+        )

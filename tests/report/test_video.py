@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from circlecal.pictures.files import REPORT_FOLDER
+from circlecal.pictures.limits import DEFAULT_LIMITS
 from circlecal.pictures.video import Sampling, Video, pictures_at
 from circlecal.report.pictures import Media
 from tests.report.conftest import refused
@@ -34,7 +35,7 @@ def patch(picture: np.ndarray) -> float:
 
 
 def test_pictures_at_the_times_that_were_told(video):
-    frames = list(Video.open(video, "match").frames(Sampling.parse("600ms"), lambda error: None))
+    frames = list(Video.open(video, "match", DEFAULT_LIMITS).frames(Sampling.parse("600ms"), lambda error: None))
     again = list(pictures_at(video, [frame.time_s for frame in frames]))
     assert len(frames) == 7
     for frame, picture in zip(frames, again, strict=True):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
+import circlecal
 from circlecal.cli.options import choose_config
 from circlecal.config import load_config
 from circlecal.errors import InputError
@@ -286,3 +287,17 @@ def test_the_configuration_takes_it(file):
     growth = config.camera.shared.mean[config.camera.shared.parameters.index("length")]
     assert growth == pytest.approx(tripod().mean[PLACE["length"]])
     assert config.camera.position_m[1] == pytest.approx(62.0, abs=0.7)
+
+
+def test_python_takes_a_venue_and_a_prior_as_the_commands_do(file, tmp_path):
+    prior = tmp_path / "camera-1.yaml"
+    prior.write_text("position_m: [1.0, 80.0, -20.0]\nposition_sd_m: [1.0, 2.0, 3.0]\n")
+    settings = {"camera.roll_sd_deg": 2.0, "seed": 3}
+    options = [f"{key}={value}" for key, value in settings.items()]
+    for path, given in ((file, {"venue": file}), (prior, {"camera_prior": prior})):
+        found = circlecal.load_cameras(path, "broadcast", set=settings)
+        assert found == choose_config("broadcast", options, **given)
+        assert found != choose_config("broadcast", options)
+    assert circlecal.load_cameras(prior, field="futsal") == choose_config(None, None, "futsal", camera_prior=prior)
+    with pytest.raises(InputError, match=r"none\.yaml"):
+        circlecal.load_cameras(tmp_path / "none.yaml")

@@ -15,6 +15,7 @@ from circlecal.errors import InputError
 from circlecal.field import load_field
 from circlecal.geometry.camera import camera_from_soccernet, rotation_matrix
 from circlecal.geometry.surface import Surface, SurfaceShape
+from circlecal.pictures.limits import DEFAULT_LIMITS
 from circlecal.pictures.video import Sampling, Video
 from circlecal.synthetic import video
 from circlecal.synthetic.clip_files import write_clip
@@ -238,7 +239,7 @@ def test_command(tmp_path, run_circlecal):
     assert (outcome.code, outcome.err) == (0, "")
     assert outcome.out.startswith("1 clip written")
     record = json.loads((tmp_path / "truth" / "cuts_00000.json").read_text())
-    frames = list(Video.open(tmp_path / "cuts_00000.mp4", "x").frames(Sampling.parse("1")))
+    frames = list(Video.open(tmp_path / "cuts_00000.mp4", "x", DEFAULT_LIMITS).frames(Sampling.parse("1")))
     assert [frame["time_s"] for frame in record["frames"]] == pytest.approx([f.time_s for f in frames], abs=1e-5)
     assert [k / 50 for k in range(20)] == pytest.approx([f.time_s for f in frames], abs=1e-5)
     assert {frame["shot"] for frame in record["frames"]} == {"main", "cut", "replay"}

@@ -46,3 +46,22 @@ def test_wrong_arguments_are_told_at_once(clip, tmp_path):
         circlecal.track(clip, every="often")
     with pytest.raises(InputError, match=r"none\.yaml"):
         circlecal.track(clip, venue=tmp_path / "none.yaml")
+    with pytest.raises(InputError, match=r"nosuch: no such folder of annotations"):
+        circlecal.track(clip, annotations=tmp_path / "nosuch")
+
+
+@pytest.mark.parametrize("content", ['{"annotation_version": 1, "id": "clip_0000', '{"annotation_version": 1}'])
+def test_a_damaged_annotation_is_told_and_other_json_is_passed_over(clip, tmp_path, run_circlecal, content):
+    (tmp_path / "named").mkdir()
+    (tmp_path / "named" / "other.json").write_text('{"kp": {}}')
+    assert next(circlecal.track(clip, annotations=tmp_path / "named")).ok
+    damaged = tmp_path / "named" / "damaged.json"
+    damaged.write_text(content)
+    with pytest.raises(InputError, match=r"damaged\.json"):
+        next(circlecal.track(clip, annotations=tmp_path / "named"))
+    told = run_circlecal("track", clip, "--annotations", tmp_path / "named", "--out", tmp_path / "out")
+    assert (told.code, str(damaged) in told.err, "Traceback" in told.err) == (2, True, False)
+    (tmp_path / "out" / "annotations").mkdir(parents=True)
+    damaged.rename(tmp_path / "out" / "annotations" / "damaged.json")
+    told = run_circlecal("track", clip, "--out", tmp_path / "out")
+    assert (told.code, "damaged.json" in told.err) == (2, True)

@@ -8,6 +8,7 @@ import circlecal
 from circlecal.config import load_config
 from circlecal.errors import ConfigError
 from circlecal.field import load_field
+from circlecal.pictures.limits import DEFAULT_LIMITS
 from circlecal.pictures.video import Sampling, Video
 from circlecal.rig.tripod import Venue
 from circlecal.rig.venue import write_venue
@@ -42,7 +43,7 @@ def tell(monkeypatch):
 
 def test_three_frames_that_agree_name_the_field_with_its_options(clip, tell):
     looked_at = tell("ice-hockey", None, "soccer", "ice-hockey", "ice-hockey", "soccer")
-    named = field_of_clip.name_field([Video.open(clip, "clip")], Sampling.parse(), UNKNOWN)
+    named = field_of_clip.name_field([Video.open(clip, "clip", DEFAULT_LIMITS)], Sampling.parse(), UNKNOWN)
     assert (named.field.template, named.mask.detector.one_paint) == ("ice-hockey", False)
     assert len(looked_at) == 5
 
@@ -50,7 +51,7 @@ def test_three_frames_that_agree_name_the_field_with_its_options(clip, tell):
 def test_a_field_that_is_named_stays_and_no_frame_is_looked_at(clip, tell):
     looked_at = tell("ice-hockey")
     config = load_config(None, ["field.template=futsal"])
-    assert field_of_clip.name_field([Video.open(clip, "clip")], Sampling.parse(), config) is config
+    assert field_of_clip.name_field([Video.open(clip, "clip", DEFAULT_LIMITS)], Sampling.parse(), config) is config
     assert not looked_at
 
 
@@ -67,7 +68,7 @@ def test_a_venue_names_the_field_and_no_frame_is_looked_at(clip, tell, tmp_path,
 def test_frames_that_do_not_agree_are_one_line_with_what_they_told(clip, tell):
     looked_at = tell("futsal", "handball", None, None, None, None)
     with pytest.raises(ConfigError, match=r"\(futsal in 2, handball in 2\); name it, e\.g\. --field futsal"):
-        field_of_clip.name_field([Video.open(clip, "clip")], Sampling.parse(), UNKNOWN)
+        field_of_clip.name_field([Video.open(clip, "clip", DEFAULT_LIMITS)], Sampling.parse(), UNKNOWN)
     assert len(looked_at) == field_of_clip.MOST_LOOKED_AT
 
 

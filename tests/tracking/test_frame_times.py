@@ -11,6 +11,7 @@ import av
 import numpy as np
 import pytest
 
+from circlecal.pictures.limits import DEFAULT_LIMITS
 from circlecal.pictures.video import Sampling, Video
 from circlecal.pictures.video_writer import write_video
 from circlecal.tracking import stretches
@@ -38,7 +39,7 @@ def write_varying(path: Path, count: int) -> tuple[Video, list[float]]:
     with write_video(path, 20.0) as writer:
         for k, time_s in enumerate(times):
             writer.write(np.full((180, 320, 3), 40 + 3 * (k % 40), np.uint8), time_s)
-    return Video.open(path, path.stem), times
+    return Video.open(path, path.stem, DEFAULT_LIMITS), times
 
 
 @pytest.mark.parametrize("every", [1, 2, 3, 7])
@@ -87,7 +88,7 @@ def test_neither_stretches_nor_a_stop_change_a_number(
 def test_no_frame_is_lost_where_the_header_tells_a_lower_rate(tmp_path: Path) -> None:
     """As that of a clip does whose last frame is shown for long: the mean rate then is that of no two frames."""
     path = scripted.write_clip(tmp_path / "clip.mp4", 60)
-    video = replace(Video.open(path, "clip"), rate=0.95 * scripted.RATE)
+    video = replace(Video.open(path, "clip", DEFAULT_LIMITS), rate=0.95 * scripted.RATE)
     run_track([video], clip_run(), tmp_path / "out")
     assert [line["track"]["frame"] for line in lines(tmp_path / "out")] == list(range(60))
 
@@ -102,7 +103,7 @@ def test_a_file_whose_packets_tell_no_times_is_counted_by_its_rate(tmp_path: Pat
             picture = np.full((180, 320, 3), 40 + 3 * k, np.uint8)
             container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="bgr24")))
         container.mux(stream.encode(None))
-    video = Video.open(tmp_path / "clip.h264", "clip")
+    video = Video.open(tmp_path / "clip.h264", "clip", DEFAULT_LIMITS)
     assert video.list_times() == ()
     run_track([video], clip_run(), tmp_path / "out")
     assert [line["track"]["frame"] for line in lines(tmp_path / "out")] == list(range(20))

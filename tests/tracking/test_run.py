@@ -18,6 +18,7 @@ import pytest
 from circlecal.config import load_config
 from circlecal.errors import InputError
 from circlecal.field import load_field
+from circlecal.pictures.limits import DEFAULT_LIMITS
 from circlecal.pictures.video import Sampling, Video, frame_id, frame_time
 from circlecal.records.log import OtherRunError, ResultLog
 from circlecal.rig.tripod import COMMON, PLACE, PaintersShare
@@ -42,7 +43,7 @@ def clip_run(every: str = "1", **named) -> ClipRun:
 
 
 def open_clip(folder: Path, name: str = "clip", frames: int = 30) -> Video:
-    return Video.open(scripted.write_clip(folder / f"{name}.mp4", frames), name)
+    return Video.open(scripted.write_clip(folder / f"{name}.mp4", frames), name, DEFAULT_LIMITS)
 
 
 def lines(out: Path) -> list[dict]:
@@ -141,12 +142,13 @@ from pathlib import Path
 from circlecal.tracking import run as run_module, stretches
 from tests.tracking import scripted
 from tests.tracking.test_run import clip_run
+from circlecal.pictures.limits import DEFAULT_LIMITS
 from circlecal.pictures.video import Video
 
 stretches.track_frames, stretches.survey_clip = scripted.track_frames, scripted.survey_clip
 stretches.STRETCH_S = 1.0
 kill = lambda progress: progress.finished == 14 and os.kill(os.getpid(), signal.SIGKILL)
-run_module.run_track([Video.open(Path("{clip}"), "clip")], clip_run(), Path("{out}"), on_progress=kill)
+run_module.run_track([Video.open(Path("{clip}"), "clip", DEFAULT_LIMITS)], clip_run(), Path("{out}"), on_progress=kill)
 """
 
 

@@ -17,6 +17,7 @@ from circlecal.formats.annotation import AnnotatedMarking, Annotation
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import Surface, SurfaceShape
 from circlecal.observations import Observations
+from circlecal.pictures.limits import DEFAULT_LIMITS
 from circlecal.pictures.video import Sampling, Video
 from circlecal.pipeline import run_observations
 from circlecal.rig.tripod import COMMON, TripodEstimate, Venue
@@ -74,7 +75,7 @@ def _write_clip(path: Path, pictures: list[NDArray[np.uint8]]) -> Video:
         for picture in pictures:
             container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="bgr24")))
         container.mux(stream.encode(None))
-    return Video.open(path, path.stem)
+    return Video.open(path, path.stem, DEFAULT_LIMITS)
 
 
 def test_a_venue_of_smaller_pictures_is_compared_with_the_clip_and_refined(

@@ -8,10 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from videos import HEIGHT, WIDTH, write_video
 
 from circlecal.config import Config
 from circlecal.errors import InputError
 from circlecal.formats.annotation import AnnotatedMarking, Annotation, annotation_bytes, find_annotation
+from circlecal.pictures.limits import DEFAULT_LIMITS, LimitsConfig
 from circlecal.pictures.video import Sampling
 from circlecal.workbench import session as module
 from circlecal.workbench.frames import list_frames, take_part
@@ -20,7 +22,7 @@ from circlecal.workbench.store import LOCK_NAME, AnnotationStore, NewerError
 
 
 def test_parts_hold_every_frame_once(folder):
-    frames = list_frames([str(folder)], Sampling.parse("1s"))
+    frames = list_frames([str(folder)], Sampling.parse("1s"), DEFAULT_LIMITS)
     parts = [take_part(frames, f"{k}/2") for k in (1, 2)]
     assert sorted(frame.file.id for part in parts for frame in part) == sorted(frame.file.id for frame in frames)
     assert [len(part) for part in parts] == [2, 1]
@@ -32,12 +34,12 @@ def test_parts_hold_every_frame_once(folder):
 )
 def test_a_part_that_is_none_is_refused(folder, part, told):
     with pytest.raises(InputError, match=told):
-        take_part(list_frames([str(folder)], Sampling.parse("1s")), part)
+        take_part(list_frames([str(folder)], Sampling.parse("1s"), DEFAULT_LIMITS), part)
 
 
 @pytest.mark.parametrize("asked", ["show", "save", "interpretations"])
 def test_a_search_for_names_ends_when_something_else_is_asked(folder, tmp_path, monkeypatch, asked):
-    frames = list_frames([str(folder / "open.png")], Sampling.parse("1s"))
+    frames = list_frames([str(folder / "open.png")], Sampling.parse("1s"), DEFAULT_LIMITS)
     session = Session(frames, AnnotationStore(tmp_path), Config())
     begun, wanted = session.annotation(0), []
 
@@ -55,14 +57,16 @@ def test_a_search_for_names_ends_when_something_else_is_asked(folder, tmp_path, 
 
 
 def test_few_huge_pictures_are_held(folder, tmp_path, monkeypatch):
-    session = Session(list_frames([str(folder)], Sampling.parse("1s")), AnnotationStore(tmp_path), Config())
+    session = Session(
+        list_frames([str(folder)], Sampling.parse("1s"), DEFAULT_LIMITS), AnnotationStore(tmp_path), Config()
+    )
     monkeypatch.setattr(module, "HELD_PIXELS", 2 * 960 * 540)
     first, *_, last = [session.open(k) for k in range(3)]
     assert session.open(2) is last and session.open(0) is not first
 
 
 def begin(out: Path, *inputs: Path) -> Session:
-    frames = list_frames([str(path) for path in inputs], Sampling.parse("1s"))
+    frames = list_frames([str(path) for path in inputs], Sampling.parse("1s"), DEFAULT_LIMITS)
     return Session(frames, AnnotationStore(out), Config())
 
 
@@ -199,3 +203,14 @@ def test_a_nameless_line_that_is_imported_again_is_there_once(folder, tmp_path):
     for _ in range(3):
         session.take_in("good.json", content)
     assert [marking.name for marking in session.annotation(0).markings].count(None) == 1
+
+
+def test_a_video_and_a_picture_beyond_the_limits_are_refused(folder, tmp_path):
+    clip, small = write_video(tmp_path / "clip.avi", "MJPG", 2), LimitsConfig(max_pixels=WIDTH * HEIGHT - 1)
+    with pytest.raises(InputError, match=rf"clip\.avi.*limits\.max_pixels={WIDTH * HEIGHT}"):
+        list_frames([str(clip)], Sampling.parse("1s"), small)
+    inputs, config = [str(clip), str(folder / "open.png")], Config(limits=small)
+    session = Session(list_frames(inputs, Sampling.parse("1s"), DEFAULT_LIMITS), AnnotationStore(tmp_path), config)
+    for index in range(2):
+        with pytest.raises(InputError, match=r"limits\.max_pixels"):
+            session.open(index)

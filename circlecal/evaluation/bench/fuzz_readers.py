@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.api import load
+from circlecal.api import Calibration, load
 from circlecal.config import Config, config_digest, config_folder, load_config
 from circlecal.errors import CirclecalError
 from circlecal.field import FieldTemplate, field_folder, load_field
@@ -27,6 +27,7 @@ from circlecal.geometry.camera import Camera
 from circlecal.geometry.surface import Surface
 from circlecal.pictures.files import read_image
 from circlecal.pictures.inputs import expand_inputs
+from circlecal.pictures.limits import DEFAULT_LIMITS
 from circlecal.pictures.masks import read_mask
 from circlecal.pictures.remote import is_url, require_url, url_names
 from circlecal.pictures.video import Sampling, Video
@@ -184,13 +185,14 @@ def _read_urls(path: Path, out: Path) -> list[str]:
 
 
 def _read_video(path: Path, out: Path) -> object:
-    video = Video.open(path, path.stem)
+    video = Video.open(path, path.stem, DEFAULT_LIMITS)
     return list(islice(video.frames(Sampling.parse("1"), lambda _: None), 20))
 
 
 def _read_result(path: Path, out: Path) -> object:
     found = load(path)
-    found.to_field([[640.0, 360.0]])
+    for frame in [found] if isinstance(found, Calibration) else found:
+        frame.to_field([[640.0, 360.0]])
     return repr(found)
 
 

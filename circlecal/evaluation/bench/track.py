@@ -220,7 +220,7 @@ def track_folder(folder: Path, config: Config, advance: Callable[[str], None] = 
     rows = []
     for path, truth in clips_of(folder):
         suited = config if truth.field == config.field.template else suit_config(config, truth.field)
-        frames, spent = _track(Video.open(path, path.stem), suited)
+        frames, spent = _track(Video.open(path, path.stem, config.limits), suited)
         rows.append(compare(frames, truth, spent))
         advance(path.stem)
     return rows
