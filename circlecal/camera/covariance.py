@@ -13,14 +13,15 @@ LARGEST_INVERSE = 1e11
 
 
 def posterior_covariance(normal: Array, sd: Array) -> Array:
-    """Covariance (P, P) from the Gauss-Newton matrix (P, P) with its priors; zero for parameters that are fixed."""
+    """Covariance (..., P, P) from the Gauss-Newton matrix (..., P, P) with its priors; zero for parameters that are
+    fixed.
+    """
     active = active_parameters(sd)
-    block = normal[active[:, None], active]
-    size = np.sqrt(np.maximum(np.diag(block), 1e-300))
-    scale = size[:, None] * size
-    inverse = _inverse(block / scale) / scale
-    covariance = np.zeros((len(PARAMETERS), len(PARAMETERS)))
-    covariance[active[:, None], active] = inverse
+    block = normal[..., active[:, None], active]
+    size = np.sqrt(np.maximum(np.diagonal(block, axis1=-2, axis2=-1), 1e-300))
+    scale = size[..., :, None] * size[..., None, :]
+    covariance = np.zeros(normal.shape)
+    covariance[..., active[:, None], active] = _inverse(block / scale) / scale
     return covariance
 
 
@@ -41,13 +42,15 @@ def count_from_seen(by_growth: Array) -> Array:
 
 
 def _inverse(correlation: Array) -> Array:
-    """Inverse of a correlation-like matrix, without the directions in which it is singular."""
+    """Inverses (..., Q, Q) of correlation-like matrices, without the directions in which each of them is singular."""
     try:
         inverse = np.linalg.inv(correlation)
     except np.linalg.LinAlgError:
         inverse = np.full_like(correlation, np.inf)
     if np.abs(inverse).max() < LARGEST_INVERSE:
-        return np.asarray(0.5 * (inverse + inverse.T))
+        return np.asarray(0.5 * (inverse + inverse.swapaxes(-1, -2)))
+    if correlation.ndim > 2:
+        return np.array([_inverse(own) for own in correlation])
     return np.asarray(np.linalg.pinv(correlation, rcond=1e-13, hermitian=True))
 
 

@@ -11,6 +11,7 @@ in the picture.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import erf
 
 import numpy as np
@@ -48,31 +49,51 @@ RIDGE = 1e-9
 
 
 def log_evidence(world: World, problem: Problem, state: State, template: FieldTemplate, known: int) -> float:
-    """Logarithm of the evidence of an optimum, the first start, up to what all worlds have in common.
+    """Logarithm of the evidence of a single optimum, the first start, as :func:`log_evidences` has it."""
+    return float(log_evidences([world], [problem], state.select(np.array([0])), template, known)[0])
 
-    ``known`` markings are the same in all answers that are compared; the evidence that the others are none is taken
-    off. A camera high over the field of the template, or steeply above its border, is a rare one.
+
+def log_evidences(
+    worlds: Sequence[World], problems: Sequence[Problem], state: State, template: FieldTemplate, known: int
+) -> Array:
+    """Logarithms of the evidence of the optima in B worlds, up to what all worlds have in common.
+
+    Parameters
+    ----------
+    worlds, problems : sequences of World, Problem
+        The worlds, and their problems, which differ in priors and in the sigmas of marks alone.
+    state : State
+        The optimum in each of them.
+    template : FieldTemplate
+        A camera high over its field, or steeply above its border, is a rare one.
+    known : int
+        So many markings are the same in all answers that are compared; the evidence that the others are none is taken
+        off.
     """
-    active = active_parameters(problem.priors.sd)
-    block = state.normal[0][active[:, None], active]
-    sd = problem.priors.sd[[*SIZES_AND_CROWN, KAPPA_1]]
-    proper = (sd > 0) & np.isfinite(sd)
-    volume = half_log_determinant(block) + np.log(sd[proper]).sum()
-    upright_px = problem.points.upright_px
-    noise = 0.0 if upright_px is None else float(np.log(upright_px).sum())
-    evidence = -0.5 * float(state.cost[0]) - volume - noise + np.log(world.share)
-    theta, covariance = state.theta[0], posterior_covariance(state.normal[0], problem.priors.sd)
-    place = _log_share_of_places(theta, covariance, template)
-    size = 0.0 if world.is_usual_size else _log_share_of_sizes(theta, covariance, template)
-    reach = _log_agreement_with_reach(problem, state, covariance, template)
-    return float(evidence) + place + size + reach - _log_evidence_of_others(problem, state, known)
+    first, sd = problems[0], np.array([problem.priors.sd for problem in problems])
+    active = active_parameters(sd[0])
+    told = sd[:, [*SIZES_AND_CROWN, KAPPA_1]]
+    proper = (told > 0) & np.isfinite(told)
+    volume = half_log_determinant(state.normal[:, active[:, None], active])
+    volume = volume + np.log(np.where(proper, told, 1.0)).sum(axis=1)
+    noise = np.array([0.0 if (px := problem.points.upright_px) is None else np.log(px).sum() for problem in problems])
+    shares = np.array([world.share for world in worlds])
+    evidence = -0.5 * state.cost - volume - noise + np.log(shares) - _log_evidence_of_others(first, state, known)
+    covariances = posterior_covariance(state.normal, sd[0])
+    for k, (world, theta, covariance) in enumerate(zip(worlds, state.theta, covariances, strict=True)):
+        evidence[k] += _log_share_of_places(theta, covariance, template)
+        evidence[k] += 0.0 if world.is_usual_size else _log_share_of_sizes(theta, covariance, template)
+        evidence[k] += _log_agreement_with_reach(first, state, k, covariance, template)
+    return np.asarray(evidence)
 
 
-def half_log_determinant(matrix: Array) -> float:
-    """Half the logarithm of the determinant of a normal matrix of quantities of very different size."""
-    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    _, determinant = np.linalg.slogdet(matrix / np.outer(scale, scale))
-    return float(0.5 * determinant + np.log(scale).sum())
+def half_log_determinant(matrix: Array) -> Array:
+    """Half the logarithm of the determinant (...) of normal matrices (..., P, P) of quantities of very different
+    size.
+    """
+    scale = np.sqrt(np.maximum(np.diagonal(matrix, axis1=-2, axis2=-1), 1e-300))
+    _, determinant = np.linalg.slogdet(matrix / (scale[..., :, None] * scale[..., None, :]))
+    return np.asarray(0.5 * determinant + np.log(scale).sum(axis=-1))
 
 
 def _log_share_of_sizes(theta: Array, covariance: Array, template: FieldTemplate) -> float:
@@ -88,9 +109,11 @@ def _log_share_of_sizes(theta: Array, covariance: Array, template: FieldTemplate
     return float(np.log(max(share, BEYOND_RULES_SHARE)))
 
 
-def _log_agreement_with_reach(problem: Problem, state: State, covariance: Array, template: FieldTemplate) -> float:
-    """Logarithm of how well it agrees with a field that its halfway line is seen so far: a field may be too small for a
-    camera.
+def _log_agreement_with_reach(
+    problem: Problem, state: State, start: int, covariance: Array, template: FieldTemplate
+) -> float:
+    """Logarithm of how well it agrees with a field that its halfway line is seen so far by one of the starts: a field
+    may be too small for a camera.
 
     A place p along the line, seen at a pixel q, moves by ``dp = -(t . dq) / (t . t)`` with the camera, where t is the
     picture of a metre along the line; by how much it lies beyond the end is averaged over a normal distribution. A line
@@ -100,15 +123,15 @@ def _log_agreement_with_reach(problem: Problem, state: State, covariance: Array,
     if line is None or MarkingKey(line.name) not in curves.keys:
         return 0.0
     own = np.flatnonzero(curves.group == curves.keys.index(MarkingKey(line.name)))
-    own = own[np.abs(state.residuals[0, own]) < ON_LINE]
+    own = own[np.abs(state.residuals[start, own]) < ON_LINE]
     drawn = template.line_ends(line)
     axis = int(np.argmax(np.abs(drawn[1] - drawn[0])))
     half_m, size = 0.5 * template.extents[axis].size_m, (LENGTH, BREADTH)[axis]
     few = 1 + int(END_SHARE * len(own))
     if len(own) < 2 * few or np.abs(np.abs(drawn[:, axis]) - half_m).max() > template.marking_width_m:
         return 0.0
-    theta, sides = state.theta[0], np.array([-1.0, 1.0])
-    places = curves.origin[own] + state.feet[0, own, None] * curves.direction[own]
+    theta, sides = state.theta[start], np.array([-1.0, 1.0])
+    places = curves.origin[own] + state.feet[start, own, None] * curves.direction[own]
     order = np.argsort(places[:, axis])
     ends = places[order[[few - 1, -few]]]
     beyond = sides * ends[:, axis] - half_m - 0.5 * theta[size]
@@ -146,8 +169,9 @@ def _log_share_of_places(theta: Array, covariance: Array, template: FieldTemplat
     return float(np.log(OVERHEAD_SHARE + (1.0 - OVERHEAD_SHARE) * outside))
 
 
-def _log_evidence_of_others(problem: Problem, state: State, known: int) -> float:
-    """Logarithm of the evidence that all markings but the first ``known`` are anything else: each line lies anywhere.
+def _log_evidence_of_others(problem: Problem, state: State, known: int) -> Array:
+    """Logarithm of the evidence (B,) that all markings but the first ``known`` are anything else: each line lies
+    anywhere.
 
     With the places u = (u_0, u_1) of a line's ends across it, uniform over the range R, points at the share t along it
     with standard deviation s give the integral of exp(-chi2 / 2) du / R^2, which is
@@ -157,30 +181,30 @@ def _log_evidence_of_others(problem: Problem, state: State, known: int) -> float
     curves = problem.curves
     own = np.flatnonzero(curves.group >= known)
     if len(own) == 0:
-        return 0.0
+        return np.zeros(len(state.feet))
     own = own[np.argsort(curves.group[own], kind="stable")]
     group = curves.group[own]
     first = np.append(0, np.flatnonzero(group[1:] != group[:-1]) + 1)
     count = np.append(first[1:], len(own)) - first
     is_line = count > 1
     range_px = ANYWHERE_PX * problem.model.width / 1920.0
-    values, sigma, t = state.residuals[0, own], curves.sigma_px[own], state.feet[0, own]
+    values, sigma, t = state.residuals[:, own], curves.sigma_px[own], state.feet[:, own]
     # a residual beyond the loss's scale costs no more
     robust = values / np.sqrt(1.0 + values**2 / problem.loss_scale**2)
-    low, high = np.minimum.reduceat(t, first), np.maximum.reduceat(t, first)
-    t = (t - np.repeat(low, count)) / np.repeat(np.maximum(high - low, 1e-9), count)
+    low, high = np.minimum.reduceat(t, first, axis=1), np.maximum.reduceat(t, first, axis=1)
+    t = (t - np.repeat(low, count, axis=1)) / np.repeat(np.maximum(high - low, 1e-9), count, axis=1)
     near, far = (1.0 - t) / sigma, t / sigma
     basis = np.array([near, far, t * near])
     gram = np.add.reduceat(basis[:, None] * basis, first, axis=-1)[..., is_line]
-    along = np.add.reduceat(basis * robust, first, axis=-1)[..., is_line].T
-    total = np.add.reduceat(robust * robust, first)[is_line]
+    along = np.add.reduceat(basis * robust, first, axis=-1)[..., is_line].transpose(1, 2, 0)
+    total = np.add.reduceat(robust * robust, first, axis=1)[:, is_line]
     (aa, ab, _), (_, bb, _), _ = gram
     determinant = aa * bb - ab * ab
-    gram = gram.transpose(2, 0, 1)
-    ridge = RIDGE * np.trace(gram, axis1=-2, axis2=-1)[:, None, None] * np.eye(3)
+    gram = gram.transpose(2, 3, 0, 1)
+    ridge = RIDGE * np.trace(gram, axis1=-2, axis2=-1)[..., None, None] * np.eye(3)
     least = total - (along * np.linalg.solve(gram + ridge, along[..., None])[..., 0]).sum(axis=-1)
     lines = np.log(OTHER_LINE_SHARE / (1.0 - OTHER_LINE_SHARE)) + np.log(2.0 * np.pi) - 2.0 * np.log(range_px)
     lines = lines - 0.5 * least - 0.5 * np.log(determinant)
     ends = np.log(OTHER_END_SHARE / (1.0 - OTHER_END_SHARE)) + 0.5 * np.log(2.0 * np.pi) - np.log(range_px)
     ends = ends + np.log(sigma[first[~is_line]])
-    return float(lines.sum() + ends.sum())
+    return np.asarray(lines.sum(axis=1) + ends.sum())

@@ -239,7 +239,8 @@ class Priors:
     Attributes
     ----------
     mean, sd : (P,) arrays
-        Per parameter; sd 0 fixes it at its mean, inf leaves it free.
+        Per parameter; sd 0 fixes it at its mean, inf leaves it free. Of B hypotheses at once (B, P),
+        :func:`stack_priors`: then as many starts are asked for, each by its own.
     distance_m, distance_log_sd : float
         Log-normal prior of the distance from ``center_m``; sd inf for none.
     elevation_rad, elevation_sd_rad : float
@@ -276,12 +277,12 @@ class Priors:
     @cached_property
     def active(self) -> Indices:
         """Indices of the parameters that are estimated."""
-        return active_parameters(self.sd)
+        return active_parameters(np.atleast_2d(self.sd)[0])
 
     @cached_property
     def is_camera_free(self) -> bool:
         """Whether focal length, angles and place are all estimated."""
-        return bool((self.sd[: _POSITION.stop] > 0).all())
+        return bool((self.sd[..., : _POSITION.stop] > 0).all())
 
     def center_of(self, theta: Array) -> Array:
         """What the cameras look at, metres, on the field of the size that theta (B, P) has: (B, 2), or (1, 2) where it
@@ -307,14 +308,16 @@ class Priors:
 
     @cached_property
     def _linear(self) -> tuple[Indices, Array, Array, Array]:
-        """Which parameters have a prior of their own (K,), their means and standard deviations, and the Jacobian (K or
-        more, P) without the place's.
+        """Which parameters have a prior of their own (K,), their means and standard deviations (..., K), and the
+        Jacobian (..., K or more, P) without the place's.
         """
-        used = np.flatnonzero((self.sd > 0) & np.isfinite(self.sd))
+        first = np.atleast_2d(self.sd)[0]
+        used = np.flatnonzero((first > 0) & np.isfinite(first))
         place = np.isfinite([self.distance_log_sd, self.elevation_sd_rad])
-        jacobian = np.zeros((len(used) + int(place.sum()), len(PARAMETERS)))
-        jacobian[np.arange(len(used)), used] = 1.0 / self.sd[used]
-        return used, self.mean[used], self.sd[used], jacobian
+        mean, sd = self.mean[..., used], self.sd[..., used]
+        jacobian = np.zeros((*sd.shape[:-1], len(used) + int(place.sum()), len(PARAMETERS)))
+        jacobian[..., np.arange(len(used)), used] = 1.0 / sd
+        return used, mean, sd, jacobian
 
     @cached_property
     def _lens_row(self) -> int | None:
@@ -338,15 +341,15 @@ class Priors:
 
     def _of_parameters_and_place(self, theta: Array) -> tuple[Array, Array]:
         used, mean, sd, linear = self._linear
-        jacobian = np.empty((len(theta), *linear.shape))
+        jacobian = np.empty((len(theta), *linear.shape[-2:]))
         jacobian[:] = linear
         values, row = np.empty(jacobian.shape[:2]), len(used)
         values[:, :row] = (theta[:, used] - mean) / sd
         if self.lens is not None and self._lens_row is not None:
             k, log_focal = self._lens_row, theta[:, LOG_FOCAL]
-            values[:, k] = (theta[:, KAPPA_1] - self.lens.kappa(log_focal)) / sd[k]
-            jacobian[:, k, LOG_FOCAL] = -self.lens.slope(log_focal) / sd[k]
-        if row == len(linear):
+            values[:, k] = (theta[:, KAPPA_1] - self.lens.kappa(log_focal)) / sd[..., k]
+            jacobian[:, k, LOG_FOCAL] = -self.lens.slope(log_focal) / sd[..., k]
+        if row == linear.shape[-2]:
             return values, jacobian
         x, y, z = columns_of(theta[:, _POSITION])
         x, y = x - self.center_m[0], y - self.center_m[1]
@@ -366,3 +369,11 @@ class Priors:
             for column, by_offset in zip(_X_Y_Z, (x * rise, y * rise, -level), strict=True):
                 jacobian[:, row, column] = by_offset / scale
         return values, jacobian
+
+
+def stack_priors(priors: Sequence[Priors]) -> Priors:
+    """Priors of several hypotheses about a camera as one, which differ in means and in standard deviations alone, and
+    estimate the same parameters.
+    """
+    mean, sd = (np.array([getattr(own, name) for own in priors]) for name in ("mean", "sd"))
+    return replace(priors[0], mean=mean, sd=sd)

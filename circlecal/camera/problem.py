@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from circlecal.camera.priors import Priors
+from circlecal.camera.priors import Priors, stack_priors
 from circlecal.camera.residuals import (
     CurvePoints,
     FixedPoints,
@@ -262,17 +263,17 @@ def with_priors(problem: Problem, state: State, priors: Priors) -> tuple[Problem
     )
 
 
-def with_upright(problem: Problem, state: State, upright_px: Array) -> tuple[Problem, State]:
-    """The problem with other sigmas (M,) of its fixed points along the picture's vertical, and the state in it."""
-    points = problem.points
-    factor = points.sigmas_px[:, 1] / upright_px
-    values, jacobian = state.values.copy(), state.jacobian.copy()
-    first = len(problem.curves.sigma_px) + 1
-    values[:, first::2] *= factor
-    jacobian[:, first::2] *= factor[:, None]
-    changed = replace(problem, points=replace(points, upright_px=upright_px))
-    priors = state.prior_values, state.prior_jacobian
-    return changed, apply_loss(changed, state.theta, state.feet, values, jacobian, *priors)
+def stack_hypotheses(problem: Problem, state: State, others: Sequence[Problem]) -> tuple[Problem, State]:
+    """Problems that differ from one in priors and in sigmas of fixed points alone as a single one, and the first start
+    of a state in each of them: nothing that was seen is evaluated again.
+    """
+    stacked = replace(problem, priors=stack_priors([other.priors for other in others]))
+    factor = np.ones((len(others), state.values.shape[1]))
+    sigmas_px = problem.points.sigmas_px
+    factor[:, state.feet.shape[1] :] = [(sigmas_px / other.points.sigmas_px).ravel() for other in others]
+    theta, feet = (np.repeat(rows[:1], len(others), axis=0) for rows in (state.theta, state.feet))
+    values, jacobian = state.values[:1] * factor, state.jacobian[:1] * factor[..., None]
+    return stacked, apply_loss(stacked, theta, feet, values, jacobian, *stacked.priors.residuals(theta))
 
 
 def add_curves(problem: Problem, state: State, curves: CurvePoints) -> tuple[Problem, State]:
@@ -345,10 +346,9 @@ def predict_step(problem: Problem, state: State) -> State:
     return problem.extrapolate(state, problem.step(state, np.full(len(state.theta), LEAST_DAMPING)))
 
 
-def predict_optimum(problem: Problem, state: State) -> tuple[State, bool]:
-    """:func:`predict_step`, and whether the linear model of the first start holds so far."""
+def predict_optima(problem: Problem, state: State) -> tuple[State, Mask]:
+    """:func:`predict_step`, and whether the linear model of each start (B,) holds so far."""
     step = problem.step(state, np.full(len(state.theta), LEAST_DAMPING))
     ahead = problem.extrapolate(state, step)
-    zoomed = abs(float(step.change[0, LOG_FOCAL]))
-    surprise = abs(float(state.cost[0] - step.promise[0] - ahead.cost[0]))
-    return ahead, zoomed < HARDLY_ZOOMED and surprise < HARDLY_ROBUST
+    zoomed, surprise = np.abs(step.change[:, LOG_FOCAL]), np.abs(state.cost - step.promise - ahead.cost)
+    return ahead, np.asarray((zoomed < HARDLY_ZOOMED) & (surprise < HARDLY_ROBUST))

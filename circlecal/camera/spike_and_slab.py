@@ -13,23 +13,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from circlecal.camera.covariance import posterior_covariance
-from circlecal.camera.field_evidence import log_evidence
-from circlecal.camera.priors import Priors
+from circlecal.camera.field_evidence import log_evidence, log_evidences
+from circlecal.camera.priors import Priors, stack_priors
 from circlecal.camera.problem import (
     Problem,
     State,
     bend_surface,
-    predict_optimum,
+    predict_optima,
     resume,
     reweight,
-    with_priors,
+    stack_hypotheses,
 )
 from circlecal.camera.residuals import CurvePoints
 from circlecal.camera.world import BREADTH, CROWN, FLAT_SD_M, LENGTH, USUAL, Size, World
 from circlecal.field import FieldTemplate
 from circlecal.geometry.camera_parameters import parameters_between
 from circlecal.geometry.least_squares import StoppingRule
-from circlecal.geometry.projective import Array
+from circlecal.geometry.projective import Array, Mask
 
 OUT_OF_THE_QUESTION = 8.0
 """By how much less the logarithm of a world's evidence may be in the linear model for its optimum to be looked for."""
@@ -143,55 +143,69 @@ def answers_in(
         question, it is not looked for.
     """
     problem, state = case
-    begun = [world.enter(problem, state, usual, template) for world in worlds]
-    ahead = [
-        _predict_answer(world, changed, here, template, known)
-        for world, (changed, here) in zip(worlds, begun, strict=True)
-    ]
-    least = max(answer.evidence for answer, _ in ahead) - OUT_OF_THE_QUESTION
-    found: list[Answer] = []
+    described = [world.describe(problem, usual, template) for world in worlds]
+    stacked, begun = stack_hypotheses(problem, state, described)
+    found, is_sure = _foretell(worlds, described, stacked, begun, template, known)
+    least = max(answer.evidence for answer in found) - OUT_OF_THE_QUESTION
     reached: dict[Size, State] = {}
-    for (answer, is_sure), (changed, here) in zip(ahead, begun, strict=True):
-        if is_sure or answer.evidence < least:
-            found.append(answer)
+    for k, (world, own) in enumerate(zip(worlds, described, strict=True)):
+        if is_sure[k] or found[k].evidence < least:
             continue
         # a flat field of any size is like the crowned one of any size
-        size = answer.world.size
-        start = answer.world.enter(problem, reached[size], usual, template)[1] if size in reached else here
-        reached[size] = end = resume(changed, start, rule)
-        found.append(_weigh(answer.world, changed, end, template, known))
+        before = reached.get(world.size)
+        start = _take(begun, k) if before is None else stack_hypotheses(problem, before, [own])[1]
+        reached[world.size] = end = resume(own, start, rule)
+        found[k] = _weigh(world, own, end, template, known)
     return found
 
 
-def bend_answer(
-    answer: Answer, usual: Priors, template: FieldTemplate, known: int, rule: StoppingRule, least: float
-) -> Answer | None:
-    """The answer on a crowned field whose profile is a parabola and no roof; None where it is out of the question.
+def bend_answers(
+    answers: Sequence[Answer], usual: Priors, template: FieldTemplate, known: int, rule: StoppingRule, least: float
+) -> list[Answer]:
+    """The answers on crowned fields whose profile is a parabola and no roof, without those out of the question.
 
     Parameters
     ----------
-    answer : Answer
-        On a roof.
+    answers : sequence of Answer
+        On roofs, from one case of :func:`answers_in`.
     usual, template, known, rule : Priors, FieldTemplate, int, StoppingRule
         As for :func:`answers_in`.
     least : float
         Evidence that the linear model must foretell for the optimum to be looked for.
     """
-    world = answer.world.curve()
-    problem, state = bend_surface(answer.problem, answer.state)
-    problem, state = with_priors(problem, state, world.priors(problem.priors, usual, template))
-    ahead, is_sure = _predict_answer(world, problem, state, template, known)
-    if ahead.evidence < least:
-        return None
-    return ahead if is_sure else _weigh(world, problem, resume(problem, state, rule), template, known)
+    if not answers:
+        return []
+    worlds = [answer.world.curve() for answer in answers]
+    described = [world.describe(own.problem, usual, template) for world, own in zip(worlds, answers, strict=True)]
+    stacked = replace(described[0], priors=stack_priors([own.priors for own in described]))
+    stacked, begun = bend_surface(stacked, answers[0].state.join([answer.state for answer in answers[1:]]))
+    described = [replace(own, model=stacked.model) for own in described]
+    ahead, is_sure = _foretell(worlds, described, stacked, begun, template, known)
+    return [
+        answer if sure else _weigh(world, own, resume(own, _take(begun, k), rule), template, known)
+        for k, (answer, sure, world, own) in enumerate(zip(ahead, is_sure.tolist(), worlds, described, strict=True))
+        if answer.evidence >= least
+    ]
 
 
-def _predict_answer(
-    world: World, problem: Problem, state: State, template: FieldTemplate, known: int
-) -> tuple[Answer, bool]:
-    """The answer that a linear model foretells from a state nearby, and whether that model holds so far."""
-    ahead, is_sure = predict_optimum(problem, state)
-    return replace(_weigh(world, problem, ahead, template, known), is_predicted=True), is_sure
+def _foretell(
+    worlds: Sequence[World], described: Sequence[Problem], stacked: Problem, state: State, template: FieldTemplate,
+    known: int,
+) -> tuple[list[Answer], Mask]:  # fmt: skip
+    """The answers that a linear model foretells from a state nearby in each of the worlds, described by problems that
+    are also given as a single one, and whether that model holds so far (W,).
+    """
+    ahead, is_sure = predict_optima(stacked, state)
+    evidence = log_evidences(worlds, described, ahead, template, known).tolist()
+    return [
+        Answer(world, own, _take(ahead, k), evidence[k], is_predicted=True)
+        for k, (world, own) in enumerate(zip(worlds, described, strict=True))
+    ], is_sure
+
+
+def _take(state: State, start: int) -> State:
+    """One of the starts alone."""
+    return state.select(np.array([start]))
 
 
 def _weigh(world: World, problem: Problem, state: State, template: FieldTemplate, known: int) -> Answer:

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from circlecal.camera.priors import Priors
-from circlecal.camera.problem import Problem, State, with_priors, with_upright
+from circlecal.camera.problem import Problem
 from circlecal.field import FieldTemplate
 from circlecal.geometry.camera_parameters import INDEX, KAPPA_1
 
@@ -83,14 +83,13 @@ class World:
             sd[KAPPA_1] = LENS_WIDER * usual.sd[KAPPA_1]
         return replace(current, mean=mean, sd=sd)
 
-    def enter(self, problem: Problem, state: State, usual: Priors, template: FieldTemplate) -> tuple[Problem, State]:
-        """A problem of a crowned field with what this world says, and its state in it."""
-        problem, state = with_priors(problem, state, self.priors(problem.priors, usual, template))
+    def describe(self, problem: Problem, usual: Priors, template: FieldTemplate) -> Problem:
+        """A problem of a crowned field with what this world says."""
         points = problem.points
-        if not self.is_flat or points.upright_px is None:
-            return problem, state
-        relief_px = FLAT_RELIEF_SHARE * np.sqrt(points.upright_px**2 - points.sigma_px**2)
-        return with_upright(problem, state, np.hypot(points.sigma_px, relief_px))
+        if self.is_flat and points.upright_px is not None:
+            relief_px = FLAT_RELIEF_SHARE * np.sqrt(points.upright_px**2 - points.sigma_px**2)
+            points = replace(points, upright_px=np.hypot(points.sigma_px, relief_px))
+        return replace(problem, priors=self.priors(problem.priors, usual, template), points=points)
 
     def with_any_lens(self, share: float) -> World:
         """This world before any lens, which a share of all frames have, where its own share is that of the others."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from circlecal.camera.spike_and_slab import (
     UNLIKELY_SHARE,
     Answer,
     answers_in,
-    bend_answer,
+    bend_answers,
     depends_on_size,
     mix,
     possible_worlds,
@@ -302,12 +303,18 @@ def _on_parabola(
     clearly which it is, sigma tells; and a field of another size may fit only with the profile that it has.
     """
     least = max(answer.evidence for answer, _ in found) - OUT_OF_THE_QUESTION
-    bent = [
-        (bend_answer(answer, usual, template, known, case[0].rule(FINE), least), case)
+    likely = [
+        (answer, case)
         for (answer, case), share in zip(found, _shares_of_their_kind(found), strict=True)
         if share > UNLIKELY_SHARE and not answer.world.is_flat and answer.problem.model.surface.shape == "roof"
     ]
-    return [(answer, case) for answer, case in bent if answer is not None]
+    return [
+        (bent, pairs[0][1])
+        for pairs in (list(group) for _, group in groupby(likely, key=lambda pair: id(pair[1])))
+        for bent in bend_answers(
+            [answer for answer, _ in pairs], usual, template, known, pairs[0][1][0].rule(FINE), least
+        )
+    ]
 
 
 def _shares_of_their_kind(found: list[tuple[Answer, _Case]]) -> list[float]:

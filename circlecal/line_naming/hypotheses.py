@@ -134,7 +134,7 @@ class NamingScene:
         that are asked for (C, S) comes near a marking.
         """
         sd = self.problem.priors.sd
-        covariances = np.array([posterior_covariance(normal, sd) for normal in normals]) + self.painters_covariance
+        covariances = posterior_covariance(normals, sd) + self.painters_covariance
         cameras, sigma_px = (thetas, covariances, self.problem.model), LINE_SIGMA_PX * self.unit
         options = cameras, sigma_px, count, self.elsewhere, asked
         return associate_lines(self.segments, self.template, self.known, *options)

@@ -67,6 +67,16 @@ def test_a_direction_that_nothing_determines_costs_no_other_its_uncertainty():
     assert covariance[2, 2] == pytest.approx(1.0 / (1.0 - nearly**2), rel=1e-3)
 
 
+def test_covariances_of_several_matrices_are_those_of_each():
+    """One of which is singular, and does not take the others' precision with it."""
+    rows = np.random.default_rng(2).normal(size=(3, 2 * SIZE, SIZE))
+    rows[1, :, 4] = rows[1, :, 5]
+    normals, sd = rows.swapaxes(1, 2) @ rows, np.r_[np.full(SIZE - 1, np.inf), 0.0]
+    alone = np.array([posterior_covariance(normal, sd) for normal in normals])
+    np.testing.assert_array_equal(posterior_covariance(normals, sd), alone)
+    assert np.isfinite(alone).all()
+
+
 def test_pushed_forward_covariances_are_those_of_samples():
     rng = np.random.default_rng(2)
     theta, covariance = plain_theta(2), small_covariance(rng)

@@ -19,14 +19,27 @@ from circlecal.camera.field_evidence import (
     _log_share_of_places,
     _log_share_of_sizes,
     log_evidence,
+    log_evidences,
 )
 from circlecal.camera.observed import points_from_observations
-from circlecal.camera.problem import COARSE, FINAL, HARDLY_ZOOMED, evaluate, minimise, resume, reweight
+from circlecal.camera.priors import ZoomLens
+from circlecal.camera.problem import (
+    COARSE,
+    FINAL,
+    HARDLY_ZOOMED,
+    evaluate,
+    minimise,
+    predict_optima,
+    resume,
+    reweight,
+    stack_hypotheses,
+    with_priors,
+)
 from circlecal.camera.residuals import sample_feet
 from circlecal.camera.spike_and_slab import (
     UNSHARED_SIGMA_PX,
     answers_in,
-    bend_answer,
+    bend_answers,
     mix,
     possible_worlds,
     share_noise,
@@ -92,9 +105,8 @@ def test_a_parabola_is_looked_for_only_where_the_linear_model_foretells_enough()
     worlds, known = possible_worlds(SOCCER, usual, {"usual": 1.0}, 0.0, 0.3), len(problem.curves.keys)
     (roof,) = answers_in(worlds, (problem, minimise(problem, theta[None])), usual, SOCCER, known, FINAL)
     roof = replace(roof, problem=replace(problem, model=replace(MODEL, surface=replace(MODEL.surface, shape="roof"))))
-    assert bend_answer(roof, usual, SOCCER, known, FINAL, np.inf) is None
-    bent = bend_answer(roof, usual, SOCCER, known, FINAL, -np.inf)
-    assert bent is not None
+    assert bend_answers([roof], usual, SOCCER, known, FINAL, np.inf) == []
+    (bent,) = bend_answers([roof], usual, SOCCER, known, FINAL, -np.inf)
     assert bent.problem.model.surface.shape == "parabola"
 
 
@@ -128,27 +140,43 @@ def test_a_flat_field_begins_where_the_crowned_one_of_its_size_ended(monkeypatch
 
 
 def test_a_mark_of_a_flat_field_lies_on_even_ground():
-    """And the state is the one that an evaluation with its sigma gives."""
+    """And the state of every world is the one that an evaluation of its own problem gives."""
     rng = np.random.default_rng(4)
     theta = plain_theta(rng)
     seen, usual = observed(theta, rng, sigma=0.3), priors(crown=0.03, length=1.0, breadth=0.7)
     problem = replace(problem_of(seen, usual), points=points_from_observations(seen, SOCCER, relief_m=0.03))
     state = evaluate(problem, theta[None], minimise(problem, theta[None]).feet, updates=8)
-    worlds = {
-        world.is_flat: world
-        for world in possible_worlds(SOCCER, usual, {"usual": 0.8, "any": 0.2}, 0.3)
-        if world.is_usual_size
-    }
+    worlds = possible_worlds(SOCCER, usual, {"usual": 0.8, "any": 0.2}, 0.3)
+    described = [world.describe(problem, usual, SOCCER) for world in worlds]
+    _, entered = stack_hypotheses(problem, state, described)
     sigma, upright = problem.points.sigma_px, problem.points.upright_px
-    crowned, _ = worlds[False].enter(problem, state, usual, SOCCER)
-    np.testing.assert_allclose(crowned.points.upright_px, upright)
-    flat, entered = worlds[True].enter(problem, state, usual, SOCCER)
-    uneven = FLAT_RELIEF_SHARE * np.sqrt(upright**2 - sigma**2)
-    np.testing.assert_allclose(flat.points.upright_px, np.hypot(sigma, uneven))
-    assert (flat.points.upright_px < 0.9 * upright).all()
-    anew = evaluate(flat, state.theta, state.feet, updates=8)
-    for name in ("values", "jacobian", "cost", "gradient", "normal"):
-        np.testing.assert_allclose(getattr(entered, name), getattr(anew, name), rtol=1e-6, atol=1e-6)
+    even = np.hypot(sigma, FLAT_RELIEF_SHARE * np.sqrt(upright**2 - sigma**2))
+    assert (even < 0.9 * upright).all()
+    for k, (world, own) in enumerate(zip(worlds, described, strict=True)):
+        np.testing.assert_allclose(own.points.upright_px, even if world.is_flat else upright)
+        anew = evaluate(own, state.theta, state.feet, updates=8)
+        for name in ("values", "jacobian", "prior_values", "prior_jacobian", "cost", "gradient", "normal"):
+            np.testing.assert_allclose(getattr(entered, name)[k], getattr(anew, name)[0], rtol=1e-6, atol=1e-6)
+
+
+def test_worlds_are_foretold_side_by_side_as_each_of_them_alone():
+    """Under a zoom lens, whose distortion has a mean that follows the focal length, and one world before any lens."""
+    rng = np.random.default_rng(4)
+    theta = plain_theta(rng)
+    usual = replace(priors(crown=0.03, length=1.0, breadth=0.7), lens=ZoomLens(0.01, 0.1, MODEL.width))
+    problem = problem_of(observed(theta, rng, sigma=0.3), usual)
+    state = minimise(problem, theta[None])
+    worlds = possible_worlds(SOCCER, usual, {"usual": 0.8, "any": 0.2}, 0.3)
+    worlds = (*worlds, worlds[0].with_any_lens(0.1))
+    described = [world.describe(problem, usual, SOCCER) for world in worlds]
+    ahead, is_sure = predict_optima(*stack_hypotheses(problem, state, described))
+    evidence = log_evidences(worlds, described, ahead, SOCCER, 2)
+    assert np.ptp(evidence) > 0.1
+    for k, (world, own) in enumerate(zip(worlds, described, strict=True)):
+        alone, is_sure_alone = predict_optima(*with_priors(problem, state, own.priors))
+        np.testing.assert_allclose(ahead.theta[k], alone.theta[0], rtol=1e-9, atol=1e-9)
+        assert is_sure[k] == is_sure_alone[0]
+        assert evidence[k] == pytest.approx(log_evidence(world, own, alone, SOCCER, 2), abs=1e-6)
 
 
 def test_noise_is_shared_by_points_though_one_case_left_some_of_them_out():
@@ -314,4 +342,4 @@ def test_a_field_is_unlikely_by_the_share_of_cameras_that_see_its_halfway_line_b
     last_m = last_m + rng.normal(size=len(last_m)) * END_PX / metre_px
     inside = np.mean(last_m < 34.0 + 0.5 * draws[:, INDEX["breadth"]])
     expected = np.log(STRAY_SHARE + (1.0 - STRAY_SHARE) * min(2.0 * inside, 1.0))
-    assert _log_agreement_with_reach(problem, state, covariance, SOCCER) == pytest.approx(expected, abs=0.1)
+    assert _log_agreement_with_reach(problem, state, 0, covariance, SOCCER) == pytest.approx(expected, abs=0.1)

@@ -129,10 +129,11 @@ def test_parabolas_are_asked_of_every_size_and_naming_however_unlikely_its_roof(
     ]
     asked: list[tuple[str, float]] = []
 
-    def bend(answer, usual, template, known, rule, least):
-        asked.append((answer.world.size, least))
+    def bend(answers, usual, template, known, rule, least):
+        asked.extend((answer.world.size, least) for answer in answers)
+        return []
 
-    monkeypatch.setattr(module, "bend_answer", bend)
+    monkeypatch.setattr(module, "bend_answers", bend)
     found = list(zip(answers, cast("list[Any]", cases), strict=True))
     module._on_parabola(found, problem.priors, cast("Any", None), 0)
     assert asked == [("any", -module.OUT_OF_THE_QUESTION), (other_size, -module.OUT_OF_THE_QUESTION)]
