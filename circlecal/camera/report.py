@@ -26,9 +26,9 @@ from circlecal.camera.spike_and_slab import Posterior
 from circlecal.camera.valley import widen_valley
 from circlecal.field import Circle, FieldTemplate
 from circlecal.field.view import FieldView
-from circlecal.geometry.camera import Camera
 from circlecal.geometry.camera_parameters import (
     INDEX,
+    KAPPA,
     PARAMETERS,
     Projection,
     ProjectionModel,
@@ -246,7 +246,7 @@ def _tell_spread(
         float(sigma_px.max()) if is_seen else float("inf"),
         float(sigma_m.max()) if is_seen else float("inf"),
         float(sigma_px.mean()) if is_seen else float("inf"),
-        derive_points(cameras, camera, circle, centers_m),
+        derive_points(thetas, model, circle, centers_m),
         homography_region(cameras, grid, covariance),
     )
 
@@ -330,29 +330,36 @@ def spread_quadrilateral(points: Array) -> Array:
     return np.array(chosen)
 
 
-def derive_points(cameras: Array, camera: Camera, circle: Circle, centers_m: Array) -> tuple[DerivedPoint, ...]:
-    """The circle's eight points, those in front of the camera, with the covariance that the camera's implies.
+def derive_points(thetas: Array, model: ProjectionModel, circle: Circle, centers_m: Array) -> tuple[DerivedPoint, ...]:
+    """The circle's eight points on the crowned surface, those in front of the camera, with the covariance that the
+    camera's implies.
 
     Parameters
     ----------
-    cameras : (1 + K, 3, 3) array
-        Homography of the camera, and those of the cameras about it that
+    thetas : (1 + K, P) array
+        Parameters of the camera, and those of the cameras about it that
         :func:`circlecal.camera.covariance.spread_cameras` gives.
-    camera, circle : Camera, Circle
-        The camera, and the circle.
+    model : ProjectionModel
+        Picture size and surface of all of them.
+    circle : Circle
+        The circle.
     centers_m : (1 + K, 2) or (1, 2) array
         Its centre on the field as each of these cameras has it, or all of them, metres.
     """
     angle = np.radians(np.arange(0.0, 360.0, 45.0))
     outward = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     points = centers_m[:, None] + circle.radius_m * outward
-    ahead = camera.depth(points[0]) > 0
-    outward, points = outward[ahead], points[:, ahead]
-    pixels = imaged_points(cameras, points)
+    without_lens = thetas.copy()
+    without_lens[:, KAPPA] = 0.0
+    with np.errstate(over="ignore", invalid="ignore"):
+        seen = project(without_lens, points, model)
+        pixels = seen.pixels
+    ahead = seen.depth[0] > 0
+    outward, points, pixels = outward[ahead], points[0, ahead], pixels[:, ahead]
     covariances = push_forward(pixels[0], pixels[1:])
     return tuple(
         DerivedPoint(compass_label(toward), point, pixel, covariance)
-        for toward, point, pixel, covariance in zip(outward, points[0], pixels[0], covariances, strict=True)
+        for toward, point, pixel, covariance in zip(outward, points, pixels[0], covariances, strict=True)
     )
 
 

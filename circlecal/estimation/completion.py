@@ -64,7 +64,8 @@ times the noise of the measurement, and 1.1 times where it was a lens; uneven gr
 
 CROWN_EVIDENCE = 3.0
 """By how much chi-square must fall with a parabolic pitch instead of a roof for it to be believed: about as much as a
-parabola is rarer, twice the logarithm of three. Whichever it is, the other is weighed beside it.
+parabola is rarer, twice the logarithm of three. With 6 one real frame of 40 is left on a roof that hardly tells how far
+away its camera stands, and none of 175 rendered frames has another verdict.
 """
 
 MOST_BESIDE = 1

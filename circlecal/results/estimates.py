@@ -41,7 +41,9 @@ class PointCorrespondence:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DerivedPoint:
-    """A point of the circle as the camera puts it: label, field (2,), undistorted pixel (2,), covariance (2, 2)."""
+    """A point of the circle as the camera puts it, on the crowned surface: label, field (2,), undistorted pixel (2,),
+    covariance (2, 2).
+    """
 
     label: str
     field_m: Array
