@@ -270,7 +270,7 @@ class CameraFit(ShortRepr):
         By how much what was seen moves along x per metre that the field is longer, and along y per metre that it is
         broader; zero where the circle was seen.
     field_size : FieldSize or None
-        How long and broad the field is; None where it was not asked.
+        How long and broad the field is; None where both are fixed, or told by other frames of the camera.
     other_size : OtherSize or None
         What another kind of size would change; None where no other is likely, and where a record was read.
     point_residuals_px : dict of MarkingKey
