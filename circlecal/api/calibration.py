@@ -336,8 +336,8 @@ class Calibration:
 
     @property
     def sigma_px(self) -> float | None:
-        """Largest predicted standard deviation of a marking in view near the circle, pixels; None where there is no
-        :attr:`camera`.
+        """Largest predicted standard deviation of the field in view within 2.5 radii of the circle, or of what is seen
+        instead, pixels; None where there is no :attr:`camera`.
         """
         return None if self._record.camera is None else self._record.camera.max_sigma_px
 

@@ -26,9 +26,9 @@ from circlecal.camera.spike_and_slab import Posterior
 from circlecal.camera.valley import widen_valley
 from circlecal.field import Circle, FieldTemplate
 from circlecal.field.view import FieldView
-from circlecal.geometry.camera import Camera
 from circlecal.geometry.camera_parameters import (
     INDEX,
+    KAPPA,
     PARAMETERS,
     Projection,
     ProjectionModel,
@@ -91,7 +91,9 @@ def camera_fit(
     covariance = widen_valley(linear, growth)
     if posterior is not None:
         covariance = posterior.widen(covariance)
-    is_fixed = not problem.priors.sd[[INDEX["length"], INDEX["breadth"]]].any()
+    # what frames of one camera share is told of the camera
+    is_own = posterior is not None or problem.priors.shared is None
+    is_asked = is_own and problem.priors.sd[[INDEX["length"], INDEX["breadth"]]].any()
     prior = state.prior_jacobian[0]
     reference = problem.priors.center_m
     camera = camera_of(theta, model)
@@ -129,7 +131,7 @@ def camera_fit(
         names_by_line=named,
         reference_m=reference,
         reference_by_growth=by_growth,
-        field_size=None if posterior is None or is_fixed else _field_size(theta, covariance, template, posterior),
+        field_size=_field_size(theta, covariance, template, posterior) if is_asked else None,
         other_size=None if posterior is None else _other_size(told.seen, posterior, turn),
         region=told.region,
         mean_sigma_px=told.mean_sigma_px,
@@ -190,6 +192,7 @@ def weigh_painters(fit: CameraFit, circle: Circle, template: FieldTemplate) -> C
         mean_sigma_px=told.mean_sigma_px,
         derived_points=told.derived_points,
         region=told.region,
+        field_size=_renew_size(fit.field_size, theta, covariance, template),
         residuals_px=_leave_out(fit.painters.residuals_px, fit.missed_ends_px),
         point_residuals_px=_leave_out(fit.painters.point_residuals_px, fit.missed_ends_px),
         painters=None,
@@ -246,7 +249,7 @@ def _tell_spread(
         float(sigma_px.max()) if is_seen else float("inf"),
         float(sigma_m.max()) if is_seen else float("inf"),
         float(sigma_px.mean()) if is_seen else float("inf"),
-        derive_points(cameras, camera, circle, centers_m),
+        derive_points(thetas, model, circle, centers_m),
         homography_region(cameras, grid, covariance),
     )
 
@@ -281,17 +284,27 @@ def homography_region(cameras: Array, grid_m: Array, covariance: Array) -> Homog
     return HomographyRegion(points, pixels[0].reshape(-1, 2), spread, min(free, pixels.shape[1]))
 
 
-def _field_size(theta: Array, covariance: Array, template: FieldTemplate, posterior: Posterior) -> FieldSize:
-    length, breadth = INDEX["length"], INDEX["breadth"]
-    length_sd, breadth_sd = np.sqrt(np.maximum(np.diag(covariance)[[length, breadth]], 0.0))
-    return FieldSize(
-        template.length_m + float(theta[length]),
-        template.width_m + float(theta[breadth]),
-        float(length_sd),
-        float(breadth_sd),
-        posterior.world.is_usual_size,
-        posterior.usual_share,
-    )
+def _field_size(theta: Array, covariance: Array, template: FieldTemplate, posterior: Posterior | None) -> FieldSize:
+    """How long and broad the field is: about as its template says where no other kind of size was compared."""
+    size = FieldSize(*_measure_field(theta, covariance, template), is_usual=True, usual_share=1.0)
+    if posterior is None:
+        return size
+    return replace(size, is_usual=posterior.world.is_usual_size, usual_share=posterior.usual_share)
+
+
+def _measure_field(theta: Array, covariance: Array, template: FieldTemplate) -> tuple[float, float, float, float]:
+    """Length and width of the field, and their standard deviations, metres."""
+    sizes = [INDEX["length"], INDEX["breadth"]]
+    length, width = theta[sizes].tolist()
+    length_sd, width_sd = np.sqrt(np.maximum(np.diag(covariance)[sizes], 0.0)).tolist()
+    return template.length_m + length, template.width_m + width, length_sd, width_sd
+
+
+def _renew_size(size: FieldSize | None, theta: Array, covariance: Array, template: FieldTemplate) -> FieldSize | None:
+    """A field's size by another camera of it; None where it was not asked."""
+    if size is None:
+        return None
+    return FieldSize(*_measure_field(theta, covariance, template), size.is_usual, size.usual_share)
 
 
 def _other_size(seen: Projection, posterior: Posterior, turn: Array) -> OtherSize | None:
@@ -330,29 +343,36 @@ def spread_quadrilateral(points: Array) -> Array:
     return np.array(chosen)
 
 
-def derive_points(cameras: Array, camera: Camera, circle: Circle, centers_m: Array) -> tuple[DerivedPoint, ...]:
-    """The circle's eight points, those in front of the camera, with the covariance that the camera's implies.
+def derive_points(thetas: Array, model: ProjectionModel, circle: Circle, centers_m: Array) -> tuple[DerivedPoint, ...]:
+    """The circle's eight points on the crowned surface, those in front of the camera, with the covariance that the
+    camera's implies.
 
     Parameters
     ----------
-    cameras : (1 + K, 3, 3) array
-        Homography of the camera, and those of the cameras about it that
+    thetas : (1 + K, P) array
+        Parameters of the camera, and those of the cameras about it that
         :func:`circlecal.camera.covariance.spread_cameras` gives.
-    camera, circle : Camera, Circle
-        The camera, and the circle.
+    model : ProjectionModel
+        Picture size and surface of all of them.
+    circle : Circle
+        The circle.
     centers_m : (1 + K, 2) or (1, 2) array
         Its centre on the field as each of these cameras has it, or all of them, metres.
     """
     angle = np.radians(np.arange(0.0, 360.0, 45.0))
     outward = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     points = centers_m[:, None] + circle.radius_m * outward
-    ahead = camera.depth(points[0]) > 0
-    outward, points = outward[ahead], points[:, ahead]
-    pixels = imaged_points(cameras, points)
+    without_lens = thetas.copy()
+    without_lens[:, KAPPA] = 0.0
+    with np.errstate(over="ignore", invalid="ignore"):
+        seen = project(without_lens, points, model)
+        pixels = seen.pixels
+    ahead = seen.depth[0] > 0
+    outward, points, pixels = outward[ahead], points[0, ahead], pixels[:, ahead]
     covariances = push_forward(pixels[0], pixels[1:])
     return tuple(
         DerivedPoint(compass_label(toward), point, pixel, covariance)
-        for toward, point, pixel, covariance in zip(outward, points[0], pixels[0], covariances, strict=True)
+        for toward, point, pixel, covariance in zip(outward, points, pixels[0], covariances, strict=True)
     )
 
 

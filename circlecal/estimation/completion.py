@@ -63,7 +63,10 @@ times the noise of the measurement, and 1.1 times where it was a lens; uneven gr
 """
 
 CROWN_EVIDENCE = 3.0
-"""By how much (half a chi-square) a parabolic pitch must explain a frame better than a roof to be believed."""
+"""By how much chi-square must fall with a parabolic pitch instead of a roof for it to be believed: about as much as a
+parabola is rarer, twice the logarithm of three. With 6 one real frame of 40 is left on a roof that hardly tells how far
+away its camera stands, and none of 175 rendered frames has another verdict.
+"""
 
 MOST_BESIDE = 1
 """Markings beside the circle and its halfway line with which noise is still told by what they leave: one more line has
@@ -220,8 +223,11 @@ def close_sigma_px(task: Task) -> float:
 
 
 def _allow_parabola(task: Task, fit: Fit) -> Fit:
-    """The fit with a parabolic pitch where it explains what was seen clearly better, else the one given."""
-    if task.config.crown_shape != "auto" or task.config.shared is not None:
+    """The fit with a parabolic pitch where it explains what was seen clearly better, else the one given. A few clicked
+    points cannot say so: one that is wrong bends the pitch instead, and the camera with it.
+    """
+    is_told = task.config.crown_shape != "auto" or task.config.shared is not None
+    if is_told or not is_dense(fit.problem.curves):
         return fit
     curved, start = bend_surface(fit.problem, fit.state.best())
     start = predict_step(curved, start)

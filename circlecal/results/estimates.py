@@ -41,7 +41,9 @@ class PointCorrespondence:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DerivedPoint:
-    """A point of the circle as the camera puts it: label, field (2,), undistorted pixel (2,), covariance (2, 2)."""
+    """A point of the circle as the camera puts it, on the crowned surface: label, field (2,), undistorted pixel (2,),
+    covariance (2, 2).
+    """
 
     label: str
     field_m: Array
@@ -268,7 +270,7 @@ class CameraFit(ShortRepr):
         By how much what was seen moves along x per metre that the field is longer, and along y per metre that it is
         broader; zero where the circle was seen.
     field_size : FieldSize or None
-        How long and broad the field is; None where it was not asked.
+        How long and broad the field is; None where both are fixed, or told by other frames of the camera.
     other_size : OtherSize or None
         What another kind of size would change; None where no other is likely, and where a record was read.
     point_residuals_px : dict of MarkingKey

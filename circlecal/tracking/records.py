@@ -230,7 +230,8 @@ def _details(view: FieldView, form: RecordForm) -> dict[str, Any]:
         return {}
     theta, center = theta_of_view(view), view.center_of(form.circle, form.template)
     model = ProjectionModel.of(view.camera, view.surface)
-    cameras = homographies(np.concatenate([theta[None], spread_cameras(theta, view.covariance, center)]), model)
+    thetas = np.concatenate([theta[None], spread_cameras(theta, view.covariance, center)])
+    cameras = homographies(thetas, model)
     vectors, centers = homography_vectors(cameras), imaged_points(cameras, center[None])[:, 0]
     turned = view.camera.turn_field()
     grid = field_about(view, form.template, form.circle, center)
@@ -240,7 +241,7 @@ def _details(view: FieldView, form: RecordForm) -> dict[str, Any]:
         "imaged_center": centers[0],
         "imaged_center_source": "camera",
         "imaged_center_covariance": push_forward(centers[0], centers[1:]),
-        "derived_points": derive_points(cameras, view.camera, form.circle, center[None]),
+        "derived_points": derive_points(thetas, model, form.circle, center[None]),
         "alternatives": [{"kind": "turned_field", "H_image_field": turned.homography, "camera": turned.soccernet()}],
     }
 

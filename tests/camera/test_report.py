@@ -12,12 +12,13 @@ from circlecal.camera.report import _miss_ends, bulk_residuals_px, residuals_px,
 from circlecal.camera.residuals import ground_feet
 from circlecal.evaluation.bench.scenarios import select_rows
 from circlecal.field import load_field
-from circlecal.geometry.camera_parameters import ProjectionModel, theta_of
+from circlecal.geometry.camera_parameters import INDEX, ProjectionModel, theta_of
 from circlecal.geometry.surface import Surface
 from circlecal.observations import LinePoints, MarkingKey, Observations
 from circlecal.results import PaintersFit
 from circlecal.stages.camera import estimate_camera
 from circlecal.synthetic.cameras import aim_camera
+from circlecal.synthetic.markings import circle_points, line_points
 
 SOCCER = load_field("soccer")
 MODEL = ProjectionModel(1920, 1080, Surface("flat"))
@@ -112,3 +113,27 @@ def test_four_points_of_a_region_lie_far_apart():
     a, b, c, d = triangle[spread_quadrilateral(triangle)]
     for p, q, r in ((a, b, c), (a, b, d), (a, c, d), (b, c, d)):
         assert abs(np.linalg.det(np.stack([q - p, r - p]))) > 2000.0
+
+
+def test_a_hall_field_whose_size_is_free_tells_it():
+    """No rule leaves a futsal field a choice of sizes, but the user may: its length stood in the table as 40 m."""
+    free = load_field("futsal").model_copy(update={"length_sd_m": 1.0})
+    longer = load_field("futsal", {"length": 40.8})
+    circle = free.circle_by_name[free.default_circle]
+    camera = aim_camera(np.array([3.0, 20.0, -9.0]), np.array([0.0, 0.0, 0.0]), 900.0, 0.0, 1280, 720)
+    rng = np.random.default_rng(2)
+    names = ("halfway_line", "side_line_top", "side_line_left", "side_line_right")
+    lines = tuple(line_points(camera, longer, name, 60, 0.3, rng) for name in names)
+    ring = circle_points(camera, longer, "center", 200, 0.3, rng, circle=circle.name)
+    seen = Observations(1280, 720, (ring,), lines)
+    fit = estimate_camera(seen, free, circle, CameraConfig(crown_shape="flat", distortion="none"))
+    size, place = fit.field_size, INDEX["length"]
+    assert size.is_usual and size.usual_share == 1.0
+    assert size.length_m == pytest.approx(40.0 + fit.theta[place])
+    assert size.length_sd_m == pytest.approx(np.sqrt(fit.covariance[place, place]))
+    # painters' errors, which move the camera, move the size with it
+    moved = fit.theta.copy()
+    moved[place] += 0.3
+    painters = PaintersFit(moved, np.zeros_like(fit.covariance), {}, {})
+    weighed = weigh_painters(replace(fit, painters=painters), circle, free)
+    assert weighed.field_size.length_m == pytest.approx(size.length_m + 0.3)

@@ -6,6 +6,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+import circlecal
 from circlecal.estimation import completion as module
 from circlecal.line_naming.hypotheses import Naming
 from circlecal.observations import LineEnd, LinePoints, Observations
@@ -61,6 +62,23 @@ def test_a_whole_structure_of_lines_overrules_an_end_with_which_one_line_has_a_n
     """All six lines around a rendered penalty area had names without the end of the halfway line, one with it."""
     found = recognise(monkeypatch, (HEAD,), lambda rows: ONE if rows else without)
     assert found == ((FOUR, []) if overrules else (ONE, [80.0]))
+
+
+CIRCLE = [
+    [1267.7, 610.4], [1191.4, 705.4], [946.5, 783.2], [595.1, 810.3], [267.8, 775.5], [75.0, 687.9],
+    [73.3, 594.8], [226.9, 511.3], [467.2, 462.5], [737.2, 446.1], [992.4, 464.7], [1186.9, 523.2],
+]  # fmt: skip
+HALFWAY_LINE = [[811.2, 173.3], [746.3, 345.0], [676.8, 601.5], [553.1, 1075.9]]
+TOUCHLINE = [[9.3, 164.3], [645.4, 174.0], [1268.1, 178.5], [1911.2, 175.0]]
+
+
+def test_a_wrong_click_is_no_pitch_that_falls_by_more_than_a_metre():
+    """One point of the halfway line lies 25 px off: a parabola with a roof's crown at the circle took the camera 25 m
+    away, named nothing and called it a sigma of 50 px.
+    """
+    lines = {"halfway_line": HALFWAY_LINE, "side_line_top": TOUCHLINE}
+    found = circlecal.calibrate_points(size=(1920, 1080), circle=CIRCLE, lines=lines, sigma_px=1.5, convention="paint")
+    assert found.code == "residual_too_large"
 
 
 def _replace(given, new):

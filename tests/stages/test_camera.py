@@ -14,7 +14,7 @@ from circlecal.estimation.completion import strongest_barrel
 from circlecal.estimation.task import Task
 from circlecal.evaluation.bench.scenarios import KNOWN, select_rows
 from circlecal.field import load_field
-from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel, theta_of
+from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel, project, theta_of
 from circlecal.geometry.homography import SIDES
 from circlecal.geometry.surface import Surface
 from circlecal.observations import Keypoint, MarkingKey
@@ -245,6 +245,25 @@ def test_covariance_is_in_the_order_of_its_parameters():
     np.testing.assert_allclose(fit.covariance, fit.covariance.T, rtol=1e-6, atol=1e-18)
     np.testing.assert_allclose(fit.H_image_field.ravel()[8], 1.0)
     assert [p.label for p in fit.derived_points][:3] == ["right", "bottom_right", "bottom"]
+
+
+def test_points_of_the_circle_lie_on_the_crowned_pitch():
+    """They lay on the plane that touches it at its middle, up to 1 px beside the circle with 0.3 px stated."""
+    surface = Surface("roof", 9.15, 0.08)
+    config = EXACT.model_copy(
+        update={"crown_shape": "roof", "crown_m": 0.07, "crown_sd_m": 0.02, "distortion": "radial"}
+    )
+    given = seen(WIDE, sigma=0.1, surface=surface, mark=True, lines=("side_line_top", "side_line_bottom"))
+    fit = estimate_camera(given, SOCCER, CIRCLE, config)
+    points = np.array([p.field_m for p in fit.derived_points])
+    found = np.array([p.image_px for p in fit.derived_points])
+    np.testing.assert_allclose(found, fit.camera.project(fit.surface.lift(points), distort=False), atol=1e-6)
+    # the crown's own error is part of theirs
+    straight, covariance = fit.theta.copy(), fit.covariance.copy()
+    straight[INDEX["kappa_1"]] = covariance[INDEX["kappa_1"]] = covariance[:, INDEX["kappa_1"]] = 0.0
+    linear, _ = project(straight[None], points[None], fit.model).covariances(covariance)
+    told = np.array([np.trace(p.covariance) for p in fit.derived_points])
+    np.testing.assert_allclose(told, np.trace(linear, axis1=1, axis2=2), rtol=0.1)
 
 
 @pytest.mark.parametrize("lines", [(), ("side_line_bottom",)])

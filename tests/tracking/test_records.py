@@ -81,6 +81,10 @@ def test_full_records_hold_what_follows_from_the_camera() -> None:
     assert record.H_covariance is not None and short.H_covariance is None
     assert len(record.camera.derived_points) == 8 and not short.camera.derived_points
     assert record.checks and record.alternatives[0].kind == "turned_field"
+    # the circle's points lie on the crowned pitch, in pixels without the lens
+    view, points = tracked(3, 0.12, (1920, 1080)).view, record.camera.derived_points
+    lifted = view.surface.lift([point.field_m for point in points])
+    np.testing.assert_allclose([point.image_px for point in points], view.camera.project(lifted, False), atol=1e-5)
     np.testing.assert_allclose(record.camera.covariance.full(), short.camera.covariance.full(), rtol=1e-3, atol=1e-9)
 
 

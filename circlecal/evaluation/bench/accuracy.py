@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -213,8 +213,9 @@ def mahalanobis(draw: Draw, fit: CameraFit, circle: Circle) -> dict[str, bool]:
         "imaged centre": _is_inside(apply_homography(H, center) - fit.imaged_center_px, fit.imaged_center_covariance),
         "position": _is_inside(draw.camera.position_m - fit.camera.position_m, fit.covariance[position, position]),
     }
+    surface = replace(fit.surface, crown_m=draw.crown_m)
     for point in fit.derived_points:
-        true = apply_homography(H, point.field_m)
+        true = draw.camera.project(surface.lift(point.field_m), distort=False)
         found[f"point {point.label}"] = _is_inside(true - point.image_px, point.covariance)
     return found
 

@@ -1,6 +1,7 @@
 """The tables of accuracy: rows, bounds and closed forms."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,16 +9,20 @@ from typer.testing import CliRunner
 
 from circlecal.cli.app import app
 from circlecal.evaluation.bench import accuracy
-from circlecal.evaluation.bench.accuracy import as_records, closed_forms, run_rows
+from circlecal.evaluation.bench.accuracy import as_records, closed_forms, mahalanobis, run_rows
 from circlecal.evaluation.bench.bounds import bound_covariance, bound_errors
 from circlecal.evaluation.bench.scenarios import KNOWN, row_names, scenarios, select_rows, soccer
 from circlecal.geometry.camera_parameters import INDEX
 from circlecal.geometry.homography import reprojection_grid
+from circlecal.geometry.surface import Surface
 from circlecal.observations import Observations
+from circlecal.stages.camera import estimate_camera
 from circlecal.synthetic.cameras import sample_camera
 from circlecal.synthetic.markings import circle_points, line_points
 
 TEMPLATE, CIRCLE = soccer()
+EXACTLY = np.diag([1e-6, 1e-6])
+"""Covariance of a point known to a thousandth of a pixel."""
 CAMERA = sample_camera("main", np.random.default_rng(4))
 GRID = reprojection_grid(CAMERA.homography, 1920, 1080, TEMPLATE.length_m / 2, TEMPLATE.width_m / 2)
 
@@ -150,3 +155,17 @@ def test_bound_leaves_fixed_parameters_at_nothing():
     for name in ("pp_x", "kappa_1", "crown", "width", "bloom"):
         assert covariance[INDEX[name], INDEX[name]] == 0.0
     assert (np.diag(covariance)[:7] > 0).all()
+
+
+def test_the_true_points_of_the_circle_lie_on_the_crowned_pitch():
+    scenario = next(s for s in scenarios() if "crown and principal point drawn" in s.title)
+    draw = scenario.draw(np.random.default_rng(5))
+    fit = estimate_camera(draw.observations, scenario.template, scenario.circle, draw.config)
+    surface = Surface("roof", 9.15, draw.crown_m)
+    exact = tuple(
+        replace(point, image_px=draw.camera.project(surface.lift(point.field_m), distort=False), covariance=EXACTLY)
+        for point in fit.derived_points
+    )
+    found = mahalanobis(draw, replace(fit, derived_points=exact), scenario.circle)
+    held = [value for name, value in found.items() if name.startswith("point")]
+    assert abs(draw.crown_m) > 0.01 and len(held) == len(exact) and all(held)
