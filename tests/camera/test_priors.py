@@ -7,7 +7,7 @@ import pytest
 from pydantic import ValidationError
 
 from circlecal.camera.options import CameraConfig, priors_of, usual_kappa
-from circlecal.camera.priors import Priors, SharedPrior, SharedPriorConfig, ZoomLens
+from circlecal.camera.priors import LINEAR, Priors, SharedPrior, SharedPriorConfig, ZoomLens
 from circlecal.config import load_config
 from circlecal.geometry.camera_parameters import INDEX, KAPPA_1, LOG_FOCAL, PARAMETERS, ProjectionModel
 from circlecal.geometry.surface import Surface
@@ -23,7 +23,11 @@ def prior():
     root = rng.normal(size=(8, 8))
     covariance = np.outer(size, size) * (root @ root.T + 2 * np.eye(8))
     mean = np.array([0.0, 3.0, 62.0, -15.0, 1.0, 0.03, 4.0, 0.01])
-    return SharedPrior(names, zoomed, 8.0, mean, covariance, np.array([1e-3, 0.05, 0.05, 0.05, 1.0, 0.001]))
+    deviation_sd = np.array([1e-3, 0.05, 0.05, 0.05, 1.0, 0.001])
+    return SharedPrior(names, zoomed, 8.0, mean, covariance, deviation_sd, LENS)
+
+
+LENS = ZoomLens(0.035, 0.04, 1920)
 
 
 def test_residuals_are_whitened():
@@ -92,10 +96,23 @@ def test_a_shared_prior_of_the_lens_alone_leaves_the_place_to_its_own_priors():
 
 
 def test_mean_follows_the_zoom():
-    mean, _, slope = prior().at(np.array([8.0, 8.5]))
-    np.testing.assert_allclose(mean[1] - mean[0], 0.5 * slope)
-    assert slope[4] == 4.0
-    assert slope[1] == 0.0
+    mean, _, slope = replace(prior(), lens=LINEAR).at(np.array([8.0, 8.5]))
+    np.testing.assert_allclose(mean[1] - mean[0], 0.5 * slope[0])
+    np.testing.assert_array_equal(slope[1], slope[0])
+    assert slope[0, 4] == 4.0
+    assert slope[0, 1] == 0.0
+
+
+def test_the_lens_of_a_camera_follows_the_law_of_one_frame_where_it_is_told_nothing_else():
+    """Offset and slope beside the law stay what they are, over the whole zoom and beyond it."""
+    told, at = prior(), np.log([1300.0, 1900.0, 3000.0, 4400.0, 7000.0])
+    mean = told.mean.copy()
+    mean[5], mean[-1] = LENS.kappa(told.log_focal) + 0.004, LENS.slope(told.log_focal) - 0.006
+    found, _, slope = replace(told, mean=mean).at(at)
+    np.testing.assert_allclose(found[:, 5], LENS.kappa(at) + 0.004 - 0.006 * (at - told.log_focal), atol=1e-12)
+    np.testing.assert_allclose(slope[:, 5], LENS.slope(at) - 0.006, atol=1e-12)
+    fixed = replace(told, mean=mean).only(["x", "y"])
+    np.testing.assert_allclose(fixed.at(at)[0], np.tile(mean[[1, 2]], (5, 1)))
 
 
 def test_pixels_scale_with_the_width():
@@ -123,6 +140,18 @@ def test_configuration_and_back():
     np.testing.assert_allclose(read.covariance, told.covariance)
     assert (read.parameters, read.zoomed) == (told.parameters, told.zoomed)
     assert written.prior(960).mean[4] == pytest.approx(0.5 * told.mean[4])
+    at = np.log([1000.0, 6000.0])
+    np.testing.assert_allclose(read.at(at)[0], told.at(at)[0])
+    np.testing.assert_allclose(written.prior(960).at(at - np.log(2.0))[0][:, 5], told.at(at)[0][:, 5])
+
+
+def test_files_of_earlier_versions_keep_their_linear_lens():
+    told = prior()
+    content = SharedPriorConfig.of(told, 1920).model_dump()
+    del content["k1_by_focal"]
+    at = np.log([1300.0, 7000.0])
+    mean = SharedPriorConfig(**content).prior(1920).at(at)[0]
+    np.testing.assert_allclose(mean[:, 5], told.mean[5] + told.mean[-1] * (at - told.log_focal))
 
 
 @pytest.mark.parametrize(
