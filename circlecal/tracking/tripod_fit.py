@@ -81,7 +81,7 @@ def common_priors(
         know(name, 0.0, spread)
         know(f"{name}_by_zoom", 0.0, POINT_BY_ZOOM_PX * picture[0] / 1920.0)
     radial = config.distortion == "radial"
-    know("kappa_1", usual_kappa(config, focal_widths) if radial else 0.0, config.k1_sd if radial else 0.0)
+    know("kappa_1", usual_kappa(config, focal_widths, picture) if radial else 0.0, config.k1_sd if radial else 0.0)
     by_zoom = usual_kappa_by_zoom(config, focal_widths)
     know("kappa_1_by_zoom", by_zoom if radial else 0.0, KAPPA_BY_ZOOM if radial else 0.0)
     bend = usual_k1_by_focal(config)

@@ -7,11 +7,14 @@ import pytest
 from pydantic import ValidationError
 
 from circlecal.camera.options import CameraConfig, priors_of, usual_kappa
+from circlecal.camera.picture_shape import CUT_WIDTH_SQUARE
 from circlecal.camera.priors import LINEAR, Priors, SharedPrior, SharedPriorConfig, ZoomLens
 from circlecal.config import load_config
 from circlecal.geometry.camera_parameters import INDEX, KAPPA_1, LOG_FOCAL, PARAMETERS, ProjectionModel
 from circlecal.geometry.surface import Surface
 from circlecal.pipeline import field_of
+from circlecal.rig.tripod import PLACE
+from circlecal.tracking.tripod_fit import common_priors
 
 from .conftest import STEPS, central_differences, random_thetas
 
@@ -219,6 +222,21 @@ def test_the_lens_of_a_zoom_follows_the_focal_length():
     row = np.flatnonzero(jacobian[0][:, KAPPA_1])[0]
     usual = [told.usual_kappa(t) for t in theta[:, LOG_FOCAL]]
     np.testing.assert_allclose(values[:, row], (theta[:, KAPPA_1] - usual) / config.k1_sd, atol=1e-12)
+
+
+@pytest.mark.parametrize(("left", "size"), [(0.5625, (1080, 1080)), (CUT_WIDTH_SQUARE**0.5, (1180, 707))])
+def test_a_picture_that_was_cut_has_the_lens_of_the_larger_one(left, size):
+    """Whose distortion is that of the focal length over its own width, and counts in half-widths of what is left."""
+    config, (template, circle) = CameraConfig(), field_of(load_config(None))
+    told = priors_of(config, template, circle, ProjectionModel(*size))
+    for focal in np.array([0.8, 1.5, 4.0]) * size[0] / left:
+        seen = left**2 * usual_kappa(config, focal * left / size[0])
+        assert told.usual_kappa(np.log(focal)) == pytest.approx(seen, abs=1e-12)
+        assert usual_kappa(config, focal / size[0], size) == pytest.approx(seen, abs=1e-12)
+    mean, _ = common_priors(config, load_config().rig, template, size, 2.0)
+    assert mean[PLACE["kappa_1"]] == pytest.approx(usual_kappa(config, 2.0, size))
+    whole = CameraConfig(principal_point_sd_px=5.0)
+    assert usual_kappa(whole, 4.0, size) == pytest.approx(usual_kappa(whole, 4.0))
 
 
 def test_a_lens_that_is_told_follows_no_focal_length():
