@@ -14,6 +14,8 @@ CUT_SD_PX = 250.0
 """That of a picture that was cut along both sides, pixels at 1920 px width: the rms along its width where 55 to 100 %
 of the larger picture's are left and every place of the cut is alike.
 """
+CUT_WIDTH_SQUARE = 0.62
+"""Mean square of the share of the width that is left of such a picture, where 55 to 100 % are, all alike."""
 SHAPES = (16 / 9, 4 / 3, 3 / 2, 5 / 4, 16 / 10, 11 / 9, 9 / 16, 3 / 4, 2 / 3)
 """Width over height of the pictures that cameras take, television keeps, and telephones show upright. Those of the
 cinema are not among them: what has one was mostly cut, or has a width of video, which tells that.
@@ -51,6 +53,19 @@ def usual_point_sd(width: int, height: int) -> tuple[float, float]:
     if height in HEIGHTS and lost_width > 0.0:
         return _with_cut(whole, lost_width), whole
     return cut, cut
+
+
+def square_of_width_left(width: int, height: int) -> float:
+    """Square of the share of the larger picture's width that is left of a picture of which nothing else is known: on
+    the average where the share is not known, 1 for whole pictures.
+
+    Distortion in half-widths of the picture is that share times what it is in half-widths of the larger one.
+    """
+    if not is_cut(width, height) or (width in WIDTHS and width > USUAL_SHAPE * height):
+        return 1.0
+    if height in HEIGHTS and width < USUAL_SHAPE * height:
+        return (width / (USUAL_SHAPE * height)) ** 2
+    return CUT_WIDTH_SQUARE
 
 
 def _with_cut(whole: float, lost: float) -> float:

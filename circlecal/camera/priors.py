@@ -2,7 +2,7 @@
 
 Position, roll, lens, principal point, surface and the field's sizes belong to the camera and the stadium, not to a
 frame: frames of one standing camera share them. Principal point and distortion may change with the zoom: linearly with
-the logarithm of the focal length.
+the logarithm of the focal length, and the radial distortion by the bend of a zoom lens beside that.
 """
 
 from __future__ import annotations
@@ -44,6 +44,49 @@ _X_Y_Z = range(_POSITION.start, _POSITION.stop)
 
 
 @dataclass(frozen=True, slots=True)
+class ZoomLens:
+    """How the radial distortion of a zoom lens follows the focal length f: ``k1 = k1_far - by_focal (w / f)^2``, pixels
+    for pictures w pixels wide.
+
+    Attributes
+    ----------
+    far, by_focal : float
+        Half-widths: at the long end, and what it has less where the focal length is one width.
+    width : float
+        Of the pictures, pixels.
+    """
+
+    far: float
+    by_focal: float
+    width: float
+
+    def kappa(self, log_focal: Array) -> Array:
+        """Usual radial distortion (...), half-widths, at logarithms of focal lengths in pixels (...)."""
+        return np.asarray(self.far - self.by_focal * np.minimum(self._square_of_widths(log_focal), MOST_WIDTHS**2))
+
+    def slope(self, log_focal: Array) -> Array:
+        """Its derivative (...) by them."""
+        squared = self._square_of_widths(log_focal)
+        return np.asarray(np.where(squared < MOST_WIDTHS**2, 2.0 * self.by_focal * squared, 0.0))
+
+    def bend(self, log_focal: Array, about: float) -> tuple[Array, Array]:
+        """By how much the radial distortion (...) differs at logarithms of focal lengths (...) from what its value and
+        its slope ``about`` one of them make of it, and the derivative (...) of that. :attr:`far` does not count.
+        """
+        at = np.array(about)
+        away = np.asarray(log_focal) - at
+        slope = self.slope(at)
+        return self.kappa(log_focal) - self.kappa(at) - slope * away, self.slope(log_focal) - slope
+
+    def _square_of_widths(self, log_focal: Array) -> Array:
+        return np.asarray(np.exp(2.0 * (np.log(self.width) - log_focal)))
+
+
+LINEAR = ZoomLens(far=0.0, by_focal=0.0, width=1)
+"""A lens without a bend: its radial distortion is linear in the logarithm of the focal length."""
+
+
+@dataclass(frozen=True, slots=True)
 class SharedPrior:
     """Gaussian on K shared parameters at one focal length and on how Z of them change with the zoom.
 
@@ -57,6 +100,8 @@ class SharedPrior:
         First the parameters, then their changes per unit of the logarithm of the focal length.
     deviation_sd : (K,) array
         How far a single frame may deviate: no camera turns about exactly one point.
+    lens : ZoomLens
+        By how much the radial distortion, where it changes with the zoom, bends away from the linear change.
     """
 
     parameters: tuple[str, ...]
@@ -65,6 +110,7 @@ class SharedPrior:
     mean: Array
     covariance: Array
     deviation_sd: Array
+    lens: ZoomLens = LINEAR
 
     @property
     def indices(self) -> Indices:
@@ -72,7 +118,7 @@ class SharedPrior:
         return np.array([INDEX[name] for name in self.parameters], dtype=np.int_)
 
     def at(self, log_focal: Array) -> tuple[Array, Array, Array]:
-        """Means (B, K), covariances (B, K, K) and changes with the zoom (K,) at logarithms of focal lengths (B,)."""
+        """Means (B, K), covariances (B, K, K) and changes with the zoom (B, K) at logarithms of focal lengths (B,)."""
         K = len(self.parameters)
         spread = np.zeros((K, len(self.zoomed)))
         spread[[self.parameters.index(name) for name in self.zoomed], np.arange(len(self.zoomed))] = 1.0
@@ -84,7 +130,13 @@ class SharedPrior:
             axis=2,
         )
         covariance = mapping @ self.covariance @ np.swapaxes(mapping, 1, 2) + np.diag(self.deviation_sd**2)
-        return mapping @ self.mean, covariance, spread @ self.mean[K:]
+        mean = mapping @ self.mean
+        slope = np.tile(spread @ self.mean[K:], (len(log_focal), 1))
+        if "kappa_1" in self.zoomed:
+            bend, steeper = self.lens.bend(log_focal, self.log_focal)
+            mean[:, self.parameters.index("kappa_1")] += bend
+            slope[:, self.parameters.index("kappa_1")] += steeper
+        return mean, covariance, slope
 
     @property
     def frame_sd(self) -> Array:
@@ -106,7 +158,7 @@ class SharedPrior:
         root = np.linalg.inv(np.linalg.cholesky(correlation)) / size[:, None, :]
         jacobian = np.zeros((*root.shape[:2], len(PARAMETERS)))
         jacobian[..., self.indices] = root
-        jacobian[..., 0] = -(root @ slope)
+        jacobian[..., 0] = -(root @ slope[..., None])[..., 0]
         return (root @ (theta[:, self.indices] - mean)[..., None])[..., 0], jacobian
 
     def only(self, names: Sequence[str]) -> SharedPrior:
@@ -132,6 +184,7 @@ class SharedPrior:
             mean=self.mean * size,
             covariance=self.covariance * np.outer(size, size),
             deviation_sd=self.deviation_sd * size[: len(self.parameters)],
+            lens=replace(self.lens, width=self.lens.width * factor),
         )
 
 
@@ -148,6 +201,12 @@ class SharedPriorConfig(BaseModel):
     mean: tuple[float, ...] = Field(description="Means of the parameters.")
     covariance: tuple[tuple[float, ...], ...] = Field(description="Their covariance.")
     deviation_sd: tuple[float, ...] = Field(description="How far a single frame may deviate from each of them.")
+    k1_by_focal: float = Field(
+        0.0,
+        ge=0,
+        description="The b of the law -b (width / f)^2 along which kappa_1 bends away from its linear change by zoom; "
+        "0 for a linear change alone, as in files without this key.",
+    )
 
     def model_post_init(self, context: object) -> None:
         """Check names, sizes and that the covariance is one.
@@ -186,6 +245,7 @@ class SharedPriorConfig(BaseModel):
             np.array(self.mean),
             np.array(self.covariance),
             np.array(self.deviation_sd),
+            ZoomLens(0.0, self.k1_by_focal, self.width),
         )
         return prior if width == self.width else prior.resize(width / self.width)
 
@@ -199,37 +259,8 @@ class SharedPriorConfig(BaseModel):
             mean=tuple(prior.mean.tolist()),
             covariance=tuple(tuple(row) for row in prior.covariance.tolist()),
             deviation_sd=tuple(prior.deviation_sd.tolist()),
+            k1_by_focal=prior.lens.by_focal if "kappa_1" in prior.zoomed else 0.0,
         )
-
-
-@dataclass(frozen=True, slots=True)
-class ZoomLens:
-    """How the radial distortion of a zoom lens follows the focal length f: ``k1 = k1_far - by_focal (w / f)^2``, pixels
-    for pictures w pixels wide.
-
-    Attributes
-    ----------
-    far, by_focal : float
-        Half-widths: at the long end, and what it has less where the focal length is one width.
-    width : int
-        Of the pictures, pixels.
-    """
-
-    far: float
-    by_focal: float
-    width: int
-
-    def kappa(self, log_focal: Array) -> Array:
-        """Usual radial distortion (...), half-widths, at logarithms of focal lengths in pixels (...)."""
-        return np.asarray(self.far - self.by_focal * np.minimum(self._square_of_widths(log_focal), MOST_WIDTHS**2))
-
-    def slope(self, log_focal: Array) -> Array:
-        """Its derivative (...) by them."""
-        squared = self._square_of_widths(log_focal)
-        return np.asarray(np.where(squared < MOST_WIDTHS**2, 2.0 * self.by_focal * squared, 0.0))
-
-    def _square_of_widths(self, log_focal: Array) -> Array:
-        return np.asarray(np.exp(2.0 * (np.log(self.width) - log_focal)))
 
 
 @dataclass(frozen=True)

@@ -67,6 +67,7 @@ def shared_prior(
         mean=mean[: K + Z],
         covariance=covariance[: K + Z, : K + Z],
         deviation_sd=deviation[problem.shared],
+        lens=problem.lens,
     )
 
 

@@ -15,10 +15,10 @@ from typing import Self
 
 import numpy as np
 
-from circlecal.camera.priors import SHARED, ZOOMED, Priors
+from circlecal.camera.priors import LINEAR, SHARED, ZOOMED, Priors, ZoomLens
 from circlecal.camera.problem import Problem, evaluate
 from circlecal.camera.residuals import sample_feet
-from circlecal.geometry.camera_parameters import ANGLES, INDEX, PARAMETERS, POSITION
+from circlecal.geometry.camera_parameters import ANGLES, INDEX, KAPPA_1, PARAMETERS, POSITION
 from circlecal.geometry.least_squares import Arrow, OneStart, Step, StoppingRule, invert_normal, minimise
 from circlecal.geometry.projective import Array, Indices
 from circlecal.rig.tripod import COMMON, PLACE, TripodModel, unwrap_pan
@@ -86,6 +86,8 @@ class JointProblem:
         Logarithm of the focal length at which the shared parameters are quoted.
     turning : Turning
         How the camera turns: the common parameters end with what is estimated of that (T).
+    lens : ZoomLens
+        By how much the radial distortion, where it changes with the zoom, bends away from the linear change.
     """
 
     frames: tuple[Problem, ...]
@@ -99,6 +101,7 @@ class JointProblem:
     deviation_sd: Array
     log_focal: float
     turning: Turning = ABOUT_ONE_POINT
+    lens: ZoomLens = LINEAR
 
     @property
     def is_on_tripod(self) -> bool:
@@ -125,7 +128,10 @@ class JointProblem:
         first = len(self.own)
         by_own = np.zeros((F, len(PARAMETERS), first + D))
         by_own[:, self.own, np.arange(first)] = 1.0
-        by_own[:, self.zoomed, list(self.own).index(0)] = common[K : K + Z]
+        zoom = list(self.own).index(0)
+        by_own[:, self.zoomed, zoom] = common[K : K + Z]
+        if KAPPA_1 in self.zoomed:
+            by_own[:, KAPPA_1, zoom] += self.lens.bend(own[:, zoom], self.log_focal)[1]
         by_own[:, self.deviating, first + np.arange(D)] = 1.0
         by_common = np.zeros((F, len(PARAMETERS), K + Z))
         by_common[:, self.shared, np.arange(K)] = 1.0
@@ -174,11 +180,13 @@ class JointProblem:
         theta[:, self.own] = own[:, : len(self.own)]
         theta[:, self.shared] = common[:K]
         theta[:, self.zoomed] += (theta[:, :1] - self.log_focal) * common[K : K + Z]
+        if KAPPA_1 in self.zoomed:
+            theta[:, KAPPA_1] += self.lens.bend(theta[:, 0], self.log_focal)[0]
         theta[:, self.deviating] += own[:, len(self.own) :]
         return theta
 
     def tripod(self, theta: Array, common: Array) -> tuple[TripodModel, Array, Array]:
-        """The tripod's map, and its own (F, 3) and common (F, 20) parameters, of frames (F, P) on its head."""
+        """The tripod's map, and its own (F, 3) and common (F, K) parameters, of frames (F, P) on its head."""
         shared = np.zeros((len(theta), len(COMMON)))
         shared[:, :3], shared[:, PLACE["head_roll"]] = theta[:, POSITION], theta[:, INDEX["roll"]]
         estimated = common[len(self.shared) + len(self.zoomed) :]
@@ -294,7 +302,7 @@ def joint_problem(
         The frames; the first one's priors are those of the shared parameters.
     slope_sd : mapping
         Prior of the change of a parameter per unit of log focal length, by name; only for ``ZOOMED`` ones. About 0, and
-        that of a lens which follows the focal length about what it does there.
+        that of a lens which follows the focal length about what it does there; away from there it bends as the lens.
     deviation_sd : mapping
         How far a frame may deviate from a shared parameter, by name; 0 or missing for not at all.
     log_focal : float
@@ -324,6 +332,7 @@ def joint_problem(
         deviation_sd=np.array([deviation_sd[name] for name in deviating]),
         log_focal=log_focal,
         turning=turning,
+        lens=LINEAR if lens is None else lens,
     )
 
 

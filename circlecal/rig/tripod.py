@@ -3,7 +3,8 @@
 The pan axis stands nearly upright at a point A and leans by the rotation ``L = Rx(lean_x) Ry(lean_y)``. On the head the
 camera pans, tilts and rolls, so that the world-to-camera rotation is ``R = R(pan, tilt, roll) L^T``. Its entrance pupil
 lies before the axes, at ``C = A + (lever + lever_by_zoom z) R^T (0, 0, 1)``, where z is the logarithm of the focal
-length over the reference. Principal point and first radial coefficient are linear in z as well.
+length over the reference. Principal point and first radial coefficient are linear in z as well, the latter with the
+bend of a zoom lens (:class:`circlecal.camera.priors.ZoomLens`) beside that.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from circlecal.camera.priors import ZoomLens
 from circlecal.errors import InputError
 from circlecal.field.view import FieldView
 from circlecal.geometry.camera import lens_factor, rotations_by
@@ -21,6 +23,7 @@ from circlecal.geometry.camera_parameters import (
     CROWN,
     INDEX,
     KAPPA,
+    KAPPA_1,
     LOG_ASPECT,
     LOG_FOCAL,
     PARAMETERS,
@@ -35,10 +38,11 @@ from circlecal.geometry.surface import Surface
 COMMON = (
     "axis_x", "axis_y", "axis_z", "lean_x", "lean_y", "head_roll", "lever", "lever_by_zoom",
     "pp_x", "pp_y", "pp_x_by_zoom", "pp_y_by_zoom", "kappa_1", "kappa_1_by_zoom", "kappa_2", "log_aspect",
-    "crown", "width", "length", "breadth",
+    "crown", "width", "length", "breadth", "kappa_1_by_focal",
 )  # fmt: skip
 """Parameters of the tripod, its lens and its pitch: metres, radians, pixels, half-widths; ``by_zoom`` per unit of the
-logarithm of the focal length. The sizes are offsets from the template's.
+logarithm of the focal length. The sizes are offsets from the template's. ``kappa_1_by_focal`` is the b of
+``-b (width / f)^2``, along which the first radial coefficient bends beside its linear change; 0 for that alone.
 """
 PLACE = {name: k for k, name in enumerate(COMMON)}
 _PIXELS = frozenset({"pp_x", "pp_y", "pp_x_by_zoom", "pp_y_by_zoom"})
@@ -63,7 +67,7 @@ LEAST_TO_MIDDLE_RAD = -0.63 * np.pi
 """From which on directions to the middle of the field are counted, so that those of two estimates of one place hardly
 ever differ by a turn: between the places of cameras behind a goal and of those beyond a corner of the far side.
 """
-_ROLL, _BLOOM = PLACE["head_roll"], INDEX["bloom"]
+_ROLL, _BLOOM, _BY_FOCAL = PLACE["head_roll"], INDEX["bloom"], PLACE["kappa_1_by_focal"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,6 +123,9 @@ class TripodModel:
         by[:, _TO, D + _FROM] = 1.0
         by[:, _ZOOM_TO, D + _ZOOM_FROM] = zoom
         by[:, _ZOOM_TO, 0] = common[:, _ZOOM_FROM]
+        bend, steeper = self._bend(own)
+        by[:, KAPPA_1, 0] += common[:, _BY_FOCAL] * steeper
+        by[:, KAPPA_1, D + _BY_FOCAL] = bend
         if D > 3:
             by[:, _BLOOM, 3] = 1.0
         return self._thetas(own, common, rotation, angles), by[..., :D], by[..., D:]
@@ -144,6 +151,7 @@ class TripodModel:
         focal = np.exp(own[:, :1])
         r2 = (normalised**2).sum(axis=-1) * (2.0 / self.projection.width * focal) ** 2
         first = lens_of["kappa_1"] + zoom * lens_of["kappa_1_by_zoom"]
+        first = first + common[:, _BY_FOCAL, None] * self._bend(own)[0][:, None]
         factor, _ = lens_factor(r2, first, lens_of["kappa_2"])
         pixels = normalised * (focal * factor)[..., None]
         pixels[..., 1] *= np.exp(lens_of["log_aspect"])
@@ -202,6 +210,7 @@ class TripodModel:
         theta[:, POSITION] = common[:, _AXIS] + self._lever(zoom, common) * rotation[:, 2]
         theta[:, _TO] = common[:, _FROM]
         theta[:, _ZOOM_TO] += zoom * common[:, _ZOOM_FROM]
+        theta[:, KAPPA_1] += common[:, _BY_FOCAL] * self._bend(own)[0]
         if own.shape[1] > 3:
             theta[:, _BLOOM] = own[:, 3]
         return theta
@@ -211,6 +220,10 @@ class TripodModel:
         angles = np.empty((len(own), 3))
         angles[:, :2], angles[:, 2] = own[:, 1:3], common[..., _ROLL]
         return rotations_by(angles)
+
+    def _bend(self, own: Array) -> tuple[Array, Array]:
+        """What a bend of 1 adds to the first radial coefficient (F,), and its derivative by the zoom (F,)."""
+        return ZoomLens(0.0, 1.0, self.projection.width).bend(own[:, 0], self.log_focal)
 
     @staticmethod
     def _lever(zoom: Array, common: Array) -> Array:

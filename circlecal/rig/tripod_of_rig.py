@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from circlecal.geometry.camera_parameters import INDEX, PARAMETERS
+from circlecal.camera.options import BEND_SD
+from circlecal.geometry.camera_parameters import INDEX, KAPPA_1, PARAMETERS
 from circlecal.rig.estimation import Rig
 from circlecal.rig.information import estimate_common
 from circlecal.rig.joint import TURNING
@@ -33,8 +34,12 @@ def tripod_of_rig(rig: Rig) -> TripodEstimate:
         if place is not None:
             mean[place] = value
     mean[[PLACE[name] for name in TURNING]] = problem.turning.mean
+    bend = PLACE["kappa_1_by_focal"]
+    mean[bend] = problem.lens.by_focal if KAPPA_1 in problem.zoomed else 0.0
     mean[at] = found
     covariance[np.ix_(at, at)] = spread
+    if mean[bend] > 0.0:
+        covariance[bend, bend] = BEND_SD**2
     deviating = [PLACE[_SAME_NAME.get(PARAMETERS[k], PARAMETERS[k])] for k in problem.deviating]
     covariance[deviating, deviating] += problem.deviation_sd**2
     heads = problem.heads_of(state.theta, found)[:, [INDEX["log_focal"], INDEX["pan"], INDEX["tilt"]]]

@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from circlecal.camera.options import KnownCamera
-from circlecal.camera.priors import SHARED, ZOOMED, SharedPrior, SharedPriorConfig
+from circlecal.camera.priors import SHARED, ZOOMED, SharedPrior, SharedPriorConfig, ZoomLens
 from circlecal.config import AUTO, FieldConfig
 from circlecal.errors import InputError, explain_problem
 from circlecal.field import FieldTemplate, field_names
@@ -34,7 +34,7 @@ VENUE_VERSION = 1
 _UNITS = {
     **dict.fromkeys(("lean_x", "lean_y", "head_roll"), "rad"),
     **dict.fromkeys(("pp_x", "pp_y", "pp_x_by_zoom", "pp_y_by_zoom"), "px"),
-    **dict.fromkeys(("kappa_1", "kappa_1_by_zoom", "kappa_2", "log_aspect"), ""),
+    **dict.fromkeys(("kappa_1", "kappa_1_by_zoom", "kappa_1_by_focal", "kappa_2", "log_aspect"), ""),
 }
 """Of the tripod's parameters; all others are in metres."""
 _NAMES = {"width": "marking_width_m", "length": "pitch_length_m", "breadth": "pitch_width_m"}
@@ -340,6 +340,8 @@ def read_venue_file(path: Path) -> VenueFile:
         raise InputError(f"{path}{where}: cannot be read: {error}; give a {VENUE_NAME}") from error
     if not isinstance(content, dict) or "venue_version" not in content:
         raise InputError(f"{path}: is no venue: venue_version is missing; circlecal track and rig write {VENUE_NAME}")
+    if isinstance(content.get("tripods"), list):
+        content["tripods"] = [_straighten(camera) for camera in content["tripods"]]
     try:
         return VenueFile.model_validate_json(json.dumps(content, default=str), strict=True)
     except ValidationError as error:
@@ -348,6 +350,26 @@ def read_venue_file(path: Path) -> VenueFile:
         raise InputError(
             f"{path}: {where}{': ' * bool(where)}{explain_problem(first['type'], first['msg'])}"
         ) from error
+
+
+def _straighten(camera: Any) -> Any:
+    """A camera of a file, with the bend of its lens; one of an earlier version, which has the parameters before that
+    alone, with a lens that does not bend. What is damaged stays as it is, to be told where it is checked.
+    """
+    match camera:
+        case {"parameters": dict(parameters)} if set(parameters) == set(FILE_NAMES[:-1]):
+            found = {**camera, "parameters": {**parameters, FILE_NAMES[-1]: {"mean": 0.0, "sd": 0.0}}}
+        case _:
+            return camera
+    match camera:
+        case {"correlation": [_, *_] as rows}:
+            found["correlation"] = [*rows, [0.0] * len(parameters)]
+    match camera:
+        case {"painters": {"covariance": list(rows), "by_errors": dict(by_errors)} as painters}:
+            more = {name: [*values, 0.0] if isinstance(values, list) else values for name, values in by_errors.items()}
+            covariance = [*rows, [0.0] * len(FILE_NAMES)]
+            found["painters"] = {**painters, "covariance": covariance, "by_errors": more}
+    return found
 
 
 def write_venue(
@@ -451,6 +473,7 @@ def prior_of_tripod(tripod: TripodEstimate) -> SharedPrior:
         mean=np.concatenate([thetas.mean(axis=0)[at], tripod.mean[slopes]]),
         covariance=covariance,
         deviation_sd=thetas.std(axis=0)[at],
+        lens=ZoomLens(0.0, float(tripod.mean[PLACE["kappa_1_by_focal"]]), tripod.size[0]),
     )
 
 

@@ -33,6 +33,8 @@ _TREMOR_S, _TREMOR_RAD = 0.5, np.radians(0.03)
 _TEAM_SIZE = 11
 _ASIDE = 0.35
 """How far to a side an attack or a sweep of another sport goes, in what is seen from side to side."""
+_LENS_SHARE = 0.5
+"""How much the lenses of other sports change with the zoom where that of a soccer broadcast changes by 1, assumed."""
 _LOOK_OF_CLIPS = {"scorebug": True, "motion_px": 0.0, "precipitation": 0.0, "near_crowd": False}
 
 
@@ -83,6 +85,7 @@ def _plan_other_sport(spec: ClipSpec, rng: np.random.Generator) -> Clip:
         position_m=camera.position_m - tripod.lever_m * camera.R[2],
         roll_rad=float(camera.angles_rad[2]),
         kappa=float(camera.kappa[0]),
+        kappa_by_focal=_LENS_SHARE * (focal / tripod.reference_focal) ** 2 * tripod.kappa_by_focal,
         reference_focal=focal,
     )
     middle = camera.back_project(camera.principal_point_px)

@@ -7,7 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from circlecal.camera.options import USUAL_FOCAL_WIDTHS, CameraConfig, usual_kappa, usual_kappa_by_zoom
+from circlecal.camera.options import (
+    BEND_SD,
+    USUAL_FOCAL_WIDTHS,
+    CameraConfig,
+    usual_k1_by_focal,
+    usual_kappa,
+    usual_kappa_by_zoom,
+)
 from circlecal.camera.rig_options import RigConfig
 from circlecal.field import FieldTemplate
 from circlecal.geometry.camera_parameters import INDEX, ProjectionModel
@@ -74,9 +81,11 @@ def common_priors(
         know(name, 0.0, spread)
         know(f"{name}_by_zoom", 0.0, POINT_BY_ZOOM_PX * picture[0] / 1920.0)
     radial = config.distortion == "radial"
-    know("kappa_1", usual_kappa(config, focal_widths) if radial else 0.0, config.k1_sd if radial else 0.0)
+    know("kappa_1", usual_kappa(config, focal_widths, picture) if radial else 0.0, config.k1_sd if radial else 0.0)
     by_zoom = usual_kappa_by_zoom(config, focal_widths)
     know("kappa_1_by_zoom", by_zoom if radial else 0.0, KAPPA_BY_ZOOM if radial else 0.0)
+    bend = usual_k1_by_focal(config)
+    know("kappa_1_by_focal", bend, BEND_SD if bend > 0.0 else 0.0)
     know("kappa_2", config.k2_mean if radial else 0.0, config.k2_sd if radial else 0.0)
     know("log_aspect", float(np.log(config.aspect)), config.aspect_sd)
     flat = config.crown_shape == "flat"

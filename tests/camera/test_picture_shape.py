@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from circlecal.api.calls import calibrate_picture
-from circlecal.camera.picture_shape import is_cut, usual_point_sd
+from circlecal.camera.picture_shape import is_cut, square_of_width_left, usual_point_sd
 from circlecal.config import load_config
 from circlecal.synthetic.renderer import render
 from circlecal.synthetic.sampling import sample_scene
@@ -30,6 +30,13 @@ def test_a_side_that_was_kept_whole_still_points_at_its_middle():
         along, upright = usual_point_sd(width, 1080)
         assert upright == pytest.approx(15.0 * width / 1920.0)
         assert along == pytest.approx(np.hypot(upright, (1920.0 - width) / np.sqrt(12.0)))
+
+
+def test_how_much_is_left_of_the_width_is_known_where_a_side_was_kept_whole():
+    assert {square_of_width_left(*size) for size in ((1920, 1080), (720, 576), (1080, 1920), (2560, 1250))} == {1.0}
+    assert square_of_width_left(1080, 1080) == pytest.approx((1080 / 1920) ** 2)
+    left = np.random.default_rng(1).uniform(0.55, 1.0, 100000)
+    assert square_of_width_left(1180, 707) == pytest.approx(np.mean(left**2), abs=0.005)
 
 
 def test_a_picture_that_was_cut_out_of_a_larger_one_is_calibrated_as_such():

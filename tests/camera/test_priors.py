@@ -7,11 +7,14 @@ import pytest
 from pydantic import ValidationError
 
 from circlecal.camera.options import CameraConfig, priors_of, usual_kappa
-from circlecal.camera.priors import Priors, SharedPrior, SharedPriorConfig, ZoomLens
+from circlecal.camera.picture_shape import CUT_WIDTH_SQUARE
+from circlecal.camera.priors import LINEAR, Priors, SharedPrior, SharedPriorConfig, ZoomLens
 from circlecal.config import load_config
 from circlecal.geometry.camera_parameters import INDEX, KAPPA_1, LOG_FOCAL, PARAMETERS, ProjectionModel
 from circlecal.geometry.surface import Surface
 from circlecal.pipeline import field_of
+from circlecal.rig.tripod import PLACE
+from circlecal.tracking.tripod_fit import common_priors
 
 from .conftest import STEPS, central_differences, random_thetas
 
@@ -23,7 +26,11 @@ def prior():
     root = rng.normal(size=(8, 8))
     covariance = np.outer(size, size) * (root @ root.T + 2 * np.eye(8))
     mean = np.array([0.0, 3.0, 62.0, -15.0, 1.0, 0.03, 4.0, 0.01])
-    return SharedPrior(names, zoomed, 8.0, mean, covariance, np.array([1e-3, 0.05, 0.05, 0.05, 1.0, 0.001]))
+    deviation_sd = np.array([1e-3, 0.05, 0.05, 0.05, 1.0, 0.001])
+    return SharedPrior(names, zoomed, 8.0, mean, covariance, deviation_sd, LENS)
+
+
+LENS = ZoomLens(0.035, 0.04, 1920)
 
 
 def test_residuals_are_whitened():
@@ -92,10 +99,23 @@ def test_a_shared_prior_of_the_lens_alone_leaves_the_place_to_its_own_priors():
 
 
 def test_mean_follows_the_zoom():
-    mean, _, slope = prior().at(np.array([8.0, 8.5]))
-    np.testing.assert_allclose(mean[1] - mean[0], 0.5 * slope)
-    assert slope[4] == 4.0
-    assert slope[1] == 0.0
+    mean, _, slope = replace(prior(), lens=LINEAR).at(np.array([8.0, 8.5]))
+    np.testing.assert_allclose(mean[1] - mean[0], 0.5 * slope[0])
+    np.testing.assert_array_equal(slope[1], slope[0])
+    assert slope[0, 4] == 4.0
+    assert slope[0, 1] == 0.0
+
+
+def test_the_lens_of_a_camera_follows_the_law_of_one_frame_where_it_is_told_nothing_else():
+    """Offset and slope beside the law stay what they are, over the whole zoom and beyond it."""
+    told, at = prior(), np.log([1300.0, 1900.0, 3000.0, 4400.0, 7000.0])
+    mean = told.mean.copy()
+    mean[5], mean[-1] = LENS.kappa(told.log_focal) + 0.004, LENS.slope(told.log_focal) - 0.006
+    found, _, slope = replace(told, mean=mean).at(at)
+    np.testing.assert_allclose(found[:, 5], LENS.kappa(at) + 0.004 - 0.006 * (at - told.log_focal), atol=1e-12)
+    np.testing.assert_allclose(slope[:, 5], LENS.slope(at) - 0.006, atol=1e-12)
+    fixed = replace(told, mean=mean).only(["x", "y"])
+    np.testing.assert_allclose(fixed.at(at)[0], np.tile(mean[[1, 2]], (5, 1)))
 
 
 def test_pixels_scale_with_the_width():
@@ -123,6 +143,18 @@ def test_configuration_and_back():
     np.testing.assert_allclose(read.covariance, told.covariance)
     assert (read.parameters, read.zoomed) == (told.parameters, told.zoomed)
     assert written.prior(960).mean[4] == pytest.approx(0.5 * told.mean[4])
+    at = np.log([1000.0, 6000.0])
+    np.testing.assert_allclose(read.at(at)[0], told.at(at)[0])
+    np.testing.assert_allclose(written.prior(960).at(at - np.log(2.0))[0][:, 5], told.at(at)[0][:, 5])
+
+
+def test_files_of_earlier_versions_keep_their_linear_lens():
+    told = prior()
+    content = SharedPriorConfig.of(told, 1920).model_dump()
+    del content["k1_by_focal"]
+    at = np.log([1300.0, 7000.0])
+    mean = SharedPriorConfig(**content).prior(1920).at(at)[0]
+    np.testing.assert_allclose(mean[:, 5], told.mean[5] + told.mean[-1] * (at - told.log_focal))
 
 
 @pytest.mark.parametrize(
@@ -190,6 +222,21 @@ def test_the_lens_of_a_zoom_follows_the_focal_length():
     row = np.flatnonzero(jacobian[0][:, KAPPA_1])[0]
     usual = [told.usual_kappa(t) for t in theta[:, LOG_FOCAL]]
     np.testing.assert_allclose(values[:, row], (theta[:, KAPPA_1] - usual) / config.k1_sd, atol=1e-12)
+
+
+@pytest.mark.parametrize(("left", "size"), [(0.5625, (1080, 1080)), (CUT_WIDTH_SQUARE**0.5, (1180, 707))])
+def test_a_picture_that_was_cut_has_the_lens_of_the_larger_one(left, size):
+    """Whose distortion is that of the focal length over its own width, and counts in half-widths of what is left."""
+    config, (template, circle) = CameraConfig(), field_of(load_config(None))
+    told = priors_of(config, template, circle, ProjectionModel(*size))
+    for focal in np.array([0.8, 1.5, 4.0]) * size[0] / left:
+        seen = left**2 * usual_kappa(config, focal * left / size[0])
+        assert told.usual_kappa(np.log(focal)) == pytest.approx(seen, abs=1e-12)
+        assert usual_kappa(config, focal / size[0], size) == pytest.approx(seen, abs=1e-12)
+    mean, _ = common_priors(config, load_config().rig, template, size, 2.0)
+    assert mean[PLACE["kappa_1"]] == pytest.approx(usual_kappa(config, 2.0, size))
+    whole = CameraConfig(principal_point_sd_px=5.0)
+    assert usual_kappa(whole, 4.0, size) == pytest.approx(usual_kappa(whole, 4.0))
 
 
 def test_a_lens_that_is_told_follows_no_focal_length():

@@ -11,7 +11,7 @@ from circlecal.camera.priors import Priors, ZoomLens
 from circlecal.camera.problem import Problem, minimise
 from circlecal.camera.residuals import sample_feet
 from circlecal.field import load_field
-from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel, camera_of, theta_of
+from circlecal.geometry.camera_parameters import INDEX, KAPPA_1, PARAMETERS, ProjectionModel, camera_of, theta_of
 from circlecal.geometry.surface import Surface
 from circlecal.observations import Observations
 from circlecal.rig.information import deletion_gains, frame_information, joint_covariances, shared_prior
@@ -336,6 +336,37 @@ def test_a_lens_is_expected_to_follow_the_zoom_as_that_of_one_frame_is():
     theta = theta_of(views(1, rng)[0], MODEL)[None]
     started = start_state(free, theta).common[len(free.shared) :]
     np.testing.assert_array_equal(started, free.slope_mean)
+
+
+def test_lenses_bend_with_the_zoom_as_that_of_one_frame_does():
+    """All frames of a camera lie on the law of single ones, beside offset and slope of their own; derivatives too."""
+    rng, lens = np.random.default_rng(5), ZoomLens(0.035, 0.04, 1920)
+    problems = [problem_of(camera, rng) for camera in views(3, rng)]
+    problems = [replace(one, priors=replace(one.priors, lens=lens)) for one in problems]
+    theta = np.array([theta_of(camera, MODEL) for camera in views(3, rng)])
+    theta[:, 0] = np.log([1300.0, 2500.0, 7000.0])
+    log_focal = float(theta[1, 0])
+    problem = joint_problem(problems, ZOOM, {}, log_focal)
+    state = start_state(problem, theta)
+    common = state.common.copy()
+    K = len(problem.shared)
+    kappa, slope = list(problem.shared).index(KAPPA_1), K + list(problem.zoomed).index(KAPPA_1)
+    common[kappa], common[slope] = lens.kappa(log_focal) + 0.004, lens.slope(log_focal) - 0.006
+    found = problem.thetas(state.own, common)[:, KAPPA_1]
+    np.testing.assert_allclose(found, lens.kappa(theta[:, 0]) + 0.004 - 0.006 * (theta[:, 0] - log_focal), atol=1e-12)
+    step = np.zeros_like(state.own)
+    zoom = list(problem.own).index(INDEX["log_focal"])
+    step[:, zoom] = 1e-6
+    ahead, back = (problem.thetas(state.own + sign * step, common)[:, KAPPA_1] for sign in (1, -1))
+    by_zoom = problem.mappings(state.own, common)[0][:, KAPPA_1, zoom]
+    np.testing.assert_allclose(by_zoom, (ahead - back) / 2e-6, atol=1e-8)
+    told = shared_prior(problem, replace(state, common=common))
+    np.testing.assert_allclose(
+        told.at(theta[:, 0])[2][:, told.parameters.index("kappa_1")] - by_zoom, told.mean[-1] - common[slope]
+    )
+    # a lens that is told not to follow the zoom does not bend either
+    still = joint_problem(problems, {}, {}, log_focal)
+    assert np.ptp(still.thetas(state.own, common[:K])[:, KAPPA_1]) == 0.0
 
 
 def test_what_the_others_gain_without_a_frame_is_what_they_gain_when_they_are_fitted_alone(scene):

@@ -17,14 +17,17 @@ MODEL = TripodModel(ProjectionModel(1280, 720), float(np.log(1.5 * 1280)))
 def common_of(tripod: Tripod) -> np.ndarray:
     common = np.zeros(len(COMMON))
     common[:8] = [*tripod.position_m, *tripod.lean_rad, tripod.roll_rad, tripod.lever_m, tripod.lever_per_zoom_m]
-    common[PLACE["kappa_1"]], common[PLACE["kappa_1_by_zoom"]] = tripod.kappa, tripod.kappa_per_zoom
+    slope = 2.0 * tripod.kappa_by_focal / tripod.reference_focal**2
+    common[PLACE["kappa_1"]], common[PLACE["kappa_1_by_zoom"]] = tripod.kappa, slope
+    common[PLACE["kappa_1_by_focal"]] = tripod.kappa_by_focal
     return common
 
 
+@pytest.mark.parametrize("focal", [0.9, 2.1])
 @pytest.mark.parametrize("seed", range(5))
-def test_cameras_are_those_of_the_rendered_tripod(seed: int) -> None:
+def test_cameras_are_those_of_the_rendered_tripod(seed: int, focal: float) -> None:
     tripod = sample_tripod(68.0, np.random.default_rng(seed))
-    pan, tilt, focal = 0.4, 1.7, 2.1
+    pan, tilt = 0.4, 1.7
     theta = MODEL.thetas(np.array([[np.log(focal * 1280), pan, tilt, 0.0]]), common_of(tripod))[0]
     found, wanted = camera_of(theta, MODEL.projection), tripod.camera(pan, tilt, focal, 1280, 720)
     np.testing.assert_allclose(found.R, wanted.R, atol=1e-12)

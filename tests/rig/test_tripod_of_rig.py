@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from circlecal.config import load_config
-from circlecal.geometry.camera_parameters import ANGLES, INDEX, PARAMETERS, POSITION
+from circlecal.geometry.camera_parameters import ANGLES, INDEX, KAPPA_1, PARAMETERS, POSITION
 from circlecal.rig.estimation import _stand_together, config_with_prior, estimate_rigs
 from circlecal.rig.information import estimate_common
 from circlecal.rig.run import RigReport
@@ -82,3 +82,16 @@ def test_what_single_frames_may_deviate_makes_a_tripod_less_certain(frames):
         assert told[PLACE[place], PLACE[place]] == pytest.approx(own + sd**2, rel=1e-9)
     off_diagonal = spread[shared.index("x"), shared.index("y")]
     assert told[PLACE["axis_x"], PLACE["axis_y"]] == pytest.approx(off_diagonal, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("told", "by_focal"), [((), 0.04), (("camera.k1_mean=0.03",), 0.0), (("rig.k1_by_zoom=0",), 0.0)]
+)
+def test_the_tripod_has_the_lens_of_its_rig_at_any_zoom(frames, told, by_focal):
+    (rig,) = estimate_rigs(frames, TEMPLATE, CIRCLE, load_config(None, [*SETTINGS, *told]))
+    tripod, prior, away = tripod_of_rig(rig), rig.prior(), rig.problem.log_focal + np.array([-0.5, 0.0, 0.8])
+    assert tripod.mean[PLACE["kappa_1_by_focal"]] == by_focal
+    assert (tripod.sigma("kappa_1_by_focal") > 0.0) == (by_focal > 0.0)
+    heads = np.column_stack([away, np.tile(tripod.head_low[1:], (3, 1))])
+    lens = tripod.model.thetas(heads, tripod.mean)[:, KAPPA_1]
+    np.testing.assert_allclose(lens, prior.at(away)[0][:, prior.parameters.index("kappa_1")], atol=1e-12)

@@ -13,7 +13,7 @@ from circlecal.cli.options import choose_config
 from circlecal.config import load_config
 from circlecal.errors import InputError
 from circlecal.field import load_field
-from circlecal.geometry.camera_parameters import theta_of
+from circlecal.geometry.camera_parameters import KAPPA_1, theta_of
 from circlecal.rig.tripod import COMMON, PLACE, PaintersShare, Venue
 from circlecal.rig.venue import (
     choose_field,
@@ -43,6 +43,32 @@ def test_what_is_written_comes_back(file):
     assert (found.name, found.size, found.surface, found.used) == (
         wanted.name, wanted.size, wanted.surface, wanted.used
     )  # fmt: skip
+
+
+def test_the_bend_of_a_lens_comes_back_and_files_of_earlier_versions_have_none(tmp_path):
+    bent = with_painters()
+    bend = PLACE["kappa_1_by_focal"]
+    bent.mean[bend] = 0.04
+    write_venue(tmp_path / "venue.yaml", Venue("soccer", (bent,)), SOCCER)
+    (found,) = read_venue(tmp_path / "venue.yaml", SOCCER).tripods
+    heads = found.head_low + np.array([[-0.5, 0.0, 0.0], [0.8, 0.0, 0.0]])
+    lenses = found.model.thetas(heads, found.mean)[:, KAPPA_1]
+    np.testing.assert_allclose(lenses, bent.model.thetas(heads, bent.mean)[:, KAPPA_1])
+    # single frames are told of the lens that the tripod has at their zoom
+    prior = prior_of_tripod(found)
+    np.testing.assert_allclose(prior.at(heads[:, 0])[0][:, prior.parameters.index("kappa_1")], lenses)
+    content = yaml.safe_load((tmp_path / "venue.yaml").read_text())
+    (camera,) = content["tripods"]
+    assert bend == len(COMMON) - 1
+    del camera["parameters"]["kappa_1_by_focal"], camera["correlation"][-1], camera["painters"]["covariance"][-1]
+    camera["painters"]["by_errors"] = {name: v[:-1] for name, v in camera["painters"]["by_errors"].items()}
+    (tmp_path / "earlier.yaml").write_text(yaml.safe_dump(content))
+    (earlier,) = read_venue(tmp_path / "earlier.yaml", SOCCER).tripods
+    straight = bent.mean.copy()
+    straight[bend] = 0.0
+    np.testing.assert_allclose(earlier.mean, straight, atol=1e-12)
+    np.testing.assert_allclose(earlier.whole_covariance[:bend, :bend], bent.whole_covariance[:bend, :bend], atol=1e-15)
+    assert not earlier.whole_covariance[bend].any()
 
 
 def with_painters():
@@ -84,8 +110,8 @@ def test_a_size_that_a_person_has_fixed_is_not_left_open_by_painters(painted_fil
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        (lambda painters: painters["covariance"].pop(), "covariance needs 20 rows"),
-        (lambda painters: painters["by_errors"]["blue_line_left x"].pop(), "by_errors.blue_line_left x needs 20"),
+        (lambda painters: painters["covariance"].pop(), "covariance needs 21 rows"),
+        (lambda painters: painters["by_errors"]["blue_line_left x"].pop(), "by_errors.blue_line_left x needs 21"),
         (lambda painters: painters["covariance"][0].__setitem__(0, -1.0), "covariance is that of no distribution"),
     ],
 )

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
 
+from circlecal.camera.options import BROADCAST_ZOOM
 from circlecal.cli.synth import Clips, Shape
 from circlecal.errors import InputError
 from circlecal.field import load_field
@@ -21,7 +22,7 @@ from circlecal.synthetic import video
 from circlecal.synthetic.clip_files import write_clip
 from circlecal.synthetic.clip_plans import kinds_of, plan_clip
 from circlecal.synthetic.renderer import render
-from circlecal.synthetic.tripod import Tripod, sample_tripod
+from circlecal.synthetic.tripod import WIDEST_FOCAL, Tripod, sample_tripod
 from circlecal.synthetic.video import CLIP_KINDS, ClipSpec
 
 SIZE = (640, 360)
@@ -95,7 +96,8 @@ def test_tripod(seed):
         zoom = np.log(focal / tripod.reference_focal)
         lever = camera.position_m - tripod.position_m
         np.testing.assert_allclose(lever, (tripod.lever_m + tripod.lever_per_zoom_m * zoom) * camera.R[2], atol=1e-9)
-        assert camera.kappa[0] == pytest.approx(tripod.kappa + tripod.kappa_per_zoom * zoom)
+        wider = focal**-2 - tripod.reference_focal**-2
+        assert camera.kappa[0] == pytest.approx(tripod.kappa - tripod.kappa_by_focal * wider)
         head = rotation_matrix(pan, tilt, tripod.roll_rad) @ tripod.lean.T
         np.testing.assert_allclose(camera.R, head, atol=1e-9)
     pans, rolls = np.array([camera.angles_rad[[0, 2]] for _, _, camera in cameras]).T
@@ -103,6 +105,16 @@ def test_tripod(seed):
     assert np.ptp(pans) > np.radians(30)
     slope = np.linalg.lstsq(terms, rolls, rcond=None)[0][0]
     assert slope == pytest.approx(tripod.lean_rad[0], abs=np.radians(0.1))
+
+
+def test_lenses_of_clips_change_with_the_zoom_as_those_of_broadcasts():
+    """On the average: their law is that which single frames are calibrated by, and their offsets are about 0."""
+    tripods = [sample_tripod(68.0, np.random.default_rng(seed)) for seed in range(200)]
+    for widths in (0.8, 1.2, 2.0, 4.0):
+        kappas = [tripod.kappa_at(widths) for tripod in tripods]
+        assert np.mean(kappas) == pytest.approx(BROADCAST_ZOOM.kappa(np.log(widths)), abs=0.003)
+    wide, wider = tripods[0].kappa_at(WIDEST_FOCAL), tripods[0].kappa_at(0.5 * WIDEST_FOCAL)
+    assert wider == wide < tripods[0].kappa_at(0.8)
 
 
 def test_a_tripod_that_stands_straight_does_not_roll():

@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from circlecal.camera.options import usual_k1_by_focal, usual_kappa
 from circlecal.config import load_config
+from circlecal.geometry.camera_parameters import KAPPA_1
+from circlecal.geometry.surface import Surface
 from circlecal.rig.tripod import PLACE, TripodEstimate
 from circlecal.tracking.frame_paint import PART_M, HeadedFrame
 from circlecal.tracking.markings import template_curves
@@ -18,9 +21,11 @@ from circlecal.tracking.tripod_fit import (
     count_alike,
     fit_tripod,
     free_parameters,
+    start_tripod,
 )
 from circlecal.tracking.tripod_problem import TripodProblem
 from tests.tracking.scenes import (
+    HEAD,
     SIZE,
     measure_ideal,
     template,
@@ -75,7 +80,9 @@ def test_the_last_fit_tells_what_models_leave_of_whole_markings() -> None:
 def test_along_the_valley_of_a_camera_that_stands_still_any_start_leads_to_one_optimum() -> None:
     """Zoom, distance and width of the pitch make up for each other where circle and far touchline are seen alone."""
     mean, sd = common_priors(load_config().camera, load_config().rig, template(), SIZE)
-    mean[PLACE["kappa_1_by_zoom"]] = 0.0  # the lens of these views does not follow the zoom
+    mean[[PLACE["kappa_1_by_zoom"], PLACE["kappa_1_by_focal"]]] = (
+        0.0  # the lens of these views does not follow the zoom
+    )
     sd[PLACE["width"]] = 0.0
     drawn, head, rng = template_curves(template()), np.array([np.log(2600.0), 0.02, 1.38]), np.random.default_rng(3)
     seen = measure_ideal(head, np.array([0.0, -5.0]), 0.0, rng).leave_out(drawn.names.index("side_line_bottom"))
@@ -142,6 +149,21 @@ def test_the_lens_of_a_tripod_is_expected_as_that_of_a_frame_with_its_focal_leng
     told = camera.model_copy(update={"k1_mean": 0.03})
     mean, _ = common_priors(told, load_config().rig, template(), SIZE, 1.0)
     assert (mean[kappa], mean[slope]) == (0.03, 0.0)
+    assert usual_k1_by_focal(told) == 0.0 == usual_k1_by_focal(camera.model_copy(update={"distortion": "none"}))
+
+
+def test_the_lens_of_a_tripod_bends_with_the_zoom_as_that_of_a_frame() -> None:
+    config = load_config()
+    theta = tripod().model.thetas(np.array([HEAD]), tripod().mean)
+    widths = float(np.exp(theta[0, 0])) / SIZE[0]
+    mean, sd = common_priors(config.camera, config.rig, template(), SIZE, widths)
+    start = start_tripod("camera-1", theta, SIZE, Surface(), mean, sd)
+    common = start.mean.copy()
+    common[PLACE["kappa_1"]] = usual_kappa(config.camera, widths)
+    others = np.array([0.8, 1.0, 2.0, 4.0])
+    heads = np.column_stack([np.log(others * SIZE[0]), np.tile(HEAD[1:], (4, 1))])
+    usual = [usual_kappa(config.camera, focal) for focal in others]
+    np.testing.assert_allclose(start.model.thetas(heads, common)[:, KAPPA_1], usual, atol=1e-12)
 
 
 def test_what_a_tripod_says_grows_less_certain_with_what_it_leaves_of_the_paint() -> None:
