@@ -9,10 +9,10 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeFloat
 
 from circlecal.camera.observed import NoiseModel
-from circlecal.camera.picture_shape import usual_point_sd
+from circlecal.camera.picture_shape import usual_log_aspect, usual_point_sd
 from circlecal.camera.priors import Priors, SharedPriorConfig, ZoomLens
 from circlecal.field import Circle, FieldTemplate
-from circlecal.geometry.camera_parameters import INDEX, KAPPA_1, LOG_FOCAL, PARAMETERS, ProjectionModel
+from circlecal.geometry.camera_parameters import INDEX, KAPPA_1, LOG_ASPECT, LOG_FOCAL, PARAMETERS, ProjectionModel
 from circlecal.geometry.homography import Side
 from circlecal.geometry.surface import SurfaceShape
 
@@ -90,10 +90,18 @@ class CameraConfig(BaseModel):
     )
     k2_mean: float = Field(0.0, description="Prior mean of the second radial coefficient, half-widths.")
     k2_sd: float = Field(0.0, ge=0, description="Prior standard deviation of it; 0 fixes it.")
-    aspect: float = Field(
-        1.0, gt=0.2, lt=5, description="Pixel aspect fy / fx (old PAL video is stored with other than 1)."
+    aspect: float | None = Field(
+        None,
+        gt=0.2,
+        lt=5,
+        description="Pixel aspect fy / fx, the width of a pixel over its height, over what a video's file says. null: "
+        "what the file says, else 1, and of pictures of 720 x 576, 720 x 480 and other sizes of standard television, "
+        "whose pixels are never square, that of 16:9 or of 4:3, which the picture must tell: 1.422 or 1.067 for "
+        "720 x 576, 1.185 or 0.889 for 720 x 480.",
     )
-    aspect_sd: float = Field(0.0, ge=0, description="Prior standard deviation of its logarithm; 0 fixes it.")
+    aspect_sd: float = Field(
+        0.0, ge=0, description="Prior standard deviation of its logarithm, beside that of an unknown one; 0 fixes it."
+    )
     crown_m: float = Field(
         0.05, ge=-0.5, le=1, description="Prior mean of the drop of the pitch at |y| = 9.15 m, metres."
     )
@@ -204,6 +212,11 @@ class CameraConfig(BaseModel):
         told = self.principal_point_sd_px * width / 1920.0
         return told, told
 
+    def log_aspect(self, width: int, height: int) -> tuple[float, float]:
+        """Mean and standard deviation of the logarithm of fy / fx for pictures of this size."""
+        mean, sd = usual_log_aspect(width, height) if self.aspect is None else (float(np.log(self.aspect)), 0.0)
+        return mean, float(np.hypot(sd, self.aspect_sd))
+
     @property
     def usual_crown(self) -> SurfaceShape:
         """The profile that is tried first."""
@@ -233,7 +246,7 @@ def priors_of(config: CameraConfig, template: FieldTemplate, circle: Circle, mod
     radial = config.distortion == "radial"
     mean[KAPPA_1], sd[KAPPA_1] = (usual_kappa(config, USUAL_FOCAL_WIDTHS), config.k1_sd) if radial else (0.0, 0.0)
     mean[10], sd[10] = (config.k2_mean, config.k2_sd) if radial else (0.0, 0.0)
-    mean[INDEX["log_aspect"]], sd[INDEX["log_aspect"]] = np.log(config.aspect), config.aspect_sd
+    mean[LOG_ASPECT], sd[LOG_ASPECT] = config.log_aspect(model.width, model.height)
     flat = config.crown_shape == "flat"
     mean[INDEX["crown"]], sd[INDEX["crown"]] = (0.0, 0.0) if flat else (config.crown_m, config.crown_sd_m)
     sd[INDEX["width"]] = template.marking_width_sd_m if config.width_sd_m is None else config.width_sd_m

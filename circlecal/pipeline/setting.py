@@ -11,7 +11,7 @@ from typing import TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.config import Config, config_digest
+from circlecal.config import Config, aspect_of, config_digest
 from circlecal.detection import Detection
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.projective import Mask
@@ -83,7 +83,7 @@ class Setting:
             timings_ms=self.timings_ms,
             source=source,
             template=self.template,
-            aspect=self.config.camera.aspect,
+            aspect=aspect_of(self.config),
         )
 
 

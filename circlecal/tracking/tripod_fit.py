@@ -78,7 +78,7 @@ def common_priors(
     by_zoom = usual_kappa_by_zoom(config, focal_widths)
     know("kappa_1_by_zoom", by_zoom if radial else 0.0, KAPPA_BY_ZOOM if radial else 0.0)
     know("kappa_2", config.k2_mean if radial else 0.0, config.k2_sd if radial else 0.0)
-    know("log_aspect", float(np.log(config.aspect)), config.aspect_sd)
+    know("log_aspect", *config.log_aspect(*picture))
     flat = config.crown_shape == "flat"
     know("crown", 0.0 if flat else config.crown_m, 0.0 if flat else config.crown_sd_m)
     know("width", 0.0, WIDTH_SD_M)
