@@ -14,7 +14,9 @@ from circlecal.camera.priors import Priors, SharedPriorConfig, ZoomLens
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera_parameters import INDEX, KAPPA_1, LOG_ASPECT, LOG_FOCAL, PARAMETERS, ProjectionModel
 from circlecal.geometry.homography import Side
+from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import SurfaceShape
+from circlecal.geometry.window import Window
 
 Spreads = tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat]
 AboveGround = tuple[float, float, Annotated[float, Field(le=0)]]
@@ -66,6 +68,12 @@ class CameraConfig(BaseModel):
         description="Prior of the principal point about the image centre, pixels at 1920 px width; 0 fixes it. null: "
         "15, and up to 250 for pictures of a shape that no camera has (16:9, 4:3, 3:2, 2:3, ... within 1 %), since "
         "these were cut out of larger ones.",
+    )
+    window_px: Window | None = Field(
+        None,
+        description="The part of the picture that the camera took, at whose middle the lens points: columns before it, "
+        "rows before it, its width and its height, pixels. null: all of the picture, without plain bars or a plain "
+        "wall around it.",
     )
     distortion: Literal["none", "radial"] = Field(
         "radial",
@@ -204,13 +212,27 @@ class CameraConfig(BaseModel):
     )
 
     def principal_point_sd(self, width: int, height: int) -> tuple[float, float]:
-        """Standard deviations of the principal point about the middle of a picture, along its width and its height, in
-        its own pixels.
+        """Standard deviations of the principal point about the middle of a picture's window, along its width and its
+        height, in its own pixels.
         """
+        if self.window_px is not None:
+            width, height = round(self.window_px.width), round(self.window_px.height)
         if self.principal_point_sd_px is None:
             return usual_point_sd(width, height)
         told = self.principal_point_sd_px * width / 1920.0
         return told, told
+
+    def principal_point_shift(self, width: int, height: int) -> Array:
+        """How far the middle of a picture's window lies from the picture's own (2,), pixels."""
+        return np.zeros(2) if self.window_px is None else self.window_px.shift_of_middle(width, height)
+
+    def growth_of_distortion(self, width: int) -> float:
+        """How many times as large the usual radial distortion is in half-widths of a picture so wide as in those of its
+        window; 1 where it is told for the whole picture.
+        """
+        if self.window_px is None or self.k1_mean is not None:
+            return 1.0
+        return (width / self.window_px.width) ** 2
 
     def log_aspect(self, width: int, height: int) -> tuple[float, float]:
         """Mean and standard deviation of the logarithm of fy / fx for pictures of this size."""
@@ -242,9 +264,12 @@ def priors_of(config: CameraConfig, template: FieldTemplate, circle: Circle, mod
     sd[INDEX["roll"]] = np.radians(config.roll_sd_deg)
     if config.position_m is not None:
         mean[4:7], sd[4:7] = config.position_m, config.position_sd_m
+    mean[7:9] = config.principal_point_shift(model.width, model.height)
     sd[7:9] = config.principal_point_sd(model.width, model.height)
     radial = config.distortion == "radial"
-    mean[KAPPA_1], sd[KAPPA_1] = (usual_kappa(config, USUAL_FOCAL_WIDTHS), config.k1_sd) if radial else (0.0, 0.0)
+    grown = config.growth_of_distortion(model.width)
+    usual = grown * usual_kappa(config, USUAL_FOCAL_WIDTHS), grown * config.k1_sd
+    mean[KAPPA_1], sd[KAPPA_1] = usual if radial else (0.0, 0.0)
     mean[10], sd[10] = (config.k2_mean, config.k2_sd) if radial else (0.0, 0.0)
     mean[LOG_ASPECT], sd[LOG_ASPECT] = config.log_aspect(model.width, model.height)
     flat = config.crown_shape == "flat"
@@ -272,7 +297,11 @@ def priors_of(config: CameraConfig, template: FieldTemplate, circle: Circle, mod
 
 def zoom_lens(config: CameraConfig, width: int) -> ZoomLens | None:
     """How the radial distortion follows the focal length in pictures so wide; None where its mean is told."""
-    return replace(BROADCAST_ZOOM, width=width) if config.k1_mean is None else None
+    if config.k1_mean is not None:
+        return None
+    grown, told = config.growth_of_distortion(width), BROADCAST_ZOOM
+    seen_px = width if config.window_px is None else round(config.window_px.width)
+    return replace(told, far=grown * told.far, by_focal=grown * told.by_focal, width=seen_px)
 
 
 def usual_kappa(config: CameraConfig, focal_widths: float) -> float:

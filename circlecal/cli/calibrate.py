@@ -119,7 +119,7 @@ def _notes(record: ResultRecord, config: Config) -> Iterator[str]:
         yield f"{record.id}: {record.status}, near a limit: {', '.join(record.near_limits)}"
     image = record.image
     if image is not None and config.camera.principal_point_sd_px is None and is_cut(image.width, image.height):
-        told = "is the shape of no camera's picture, so it is taken for a part of a larger one"
+        told = "is the shape of no camera's picture: without bars, it is taken for a part of a larger one"
         yield f"{record.id}: {image.width} x {image.height} {told} (camera.principal_point_sd_px)"
     is_unknown = config.camera.aspect is None and image is not None and image.aspect == 1.0
     if image is not None and is_unknown and is_oblong(image.width, image.height):

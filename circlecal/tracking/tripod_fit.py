@@ -70,8 +70,9 @@ def common_priors(
     know("head_roll", 0.0, np.radians(ROLL_SD_DEG))
     know("lever", rig.lever_m, rig.lever_sd_m)
     know("lever_by_zoom", 0.0, LEVER_BY_ZOOM_SD_M)
-    for name, spread in zip(("pp_x", "pp_y"), config.principal_point_sd(*picture), strict=True):
-        know(name, 0.0, spread)
+    shift, spreads = config.principal_point_shift(*picture), config.principal_point_sd(*picture)
+    for name, off, spread in zip(("pp_x", "pp_y"), shift, spreads, strict=True):
+        know(name, float(off), spread)
         know(f"{name}_by_zoom", 0.0, POINT_BY_ZOOM_PX * picture[0] / 1920.0)
     radial = config.distortion == "radial"
     know("kappa_1", usual_kappa(config, focal_widths) if radial else 0.0, config.k1_sd if radial else 0.0)
