@@ -10,6 +10,7 @@ from circlecal.errors import EstimationError
 
 _LOOK = "Look at the stages with circlecal debug."
 _BELIEVED = "If it is the circle, name it (circlecal annotate) or give a mask (--mask): both are believed."
+_COLOUR = "Other than white paint: say what it adds to the ground's blue, green and red (mask.paint_bgr)."
 _OTHER_FRAMES = "circlecal rig or --camera-prior bring in what other frames of the camera know."
 _SOLVER = "Another --solver needs less, and the default (no --solver) uses everything that is seen."
 
@@ -76,13 +77,14 @@ REFUSALS = _by_code(
             "no_circle_found",
             "no circle is seen",
             "The field is seen, but no circle of its markings.",
-            "Nothing, if the circle is out of view. A faint or worn circle: give a mask (--mask) or keypoints.",
+            "Nothing, if the circle is out of view, or for a plan of a field or a view from straight above, which tell "
+            f"nothing of a camera. A faint or worn circle: give a mask (--mask) or keypoints. {_COLOUR}",
         ),
         Refusal(
             "circle_support_too_low",
             "the best ellipse has too little marking under it to be the circle",
             "A penalty arc, a logo or a short arc looks like this.",
-            f"Look at the picture. {_BELIEVED}",
+            f"Look at the picture. {_BELIEVED} {_COLOUR}",
         ),
         Refusal(
             "circle_off_marking",
@@ -113,7 +115,8 @@ REFUSALS = _by_code(
             "no_band",
             "no band of the marking's width lies along the circle",
             "Nothing as light and as wide as paint follows the circle.",
-            "Check the mask and the sport (--field): dark paint on a light floor is another template.",
+            "Nothing but a lighter frame where the picture is so dark or noisy that its paint hardly shows. Otherwise "
+            "check the mask and the sport (--field): dark paint on a light floor is another template.",
         ),
         Refusal(
             "no_ellipse",
@@ -236,7 +239,8 @@ REFUSALS = _by_code(
             "implausible_camera",
             "the camera would stand where no camera stands",
             "Its height, distance, roll or focal length is outside what cameras have.",
-            "Another sport or field size (--field)? Where the camera looks straight down, or the reason is its lens, "
+            "Turn a picture that lies on its side upright, and take the distortion out of a fisheye's. Another sport "
+            "or field size (--field)? Where the camera looks straight down, or the reason is its lens, "
             "state the focal length (camera.focal_px); over a robots' field take --config robocup-ceiling. Otherwise "
             "widen the limit that the reason names (verdict.*).",
             another_interpretation=True,
@@ -245,8 +249,10 @@ REFUSALS = _by_code(
         Refusal(
             "line_beyond_field",
             "the line runs further than this field is wide: it is another circle's, or another sport's",
-            "The circle is one of another sport or a smaller one, or something was taken for the touchline.",
-            "Give the sport (--field) or the field's own sizes (field.sizes), or a mask with the right circle.",
+            "The circle is one of another sport or a smaller one, something was taken for the touchline, or the "
+            "picture is upside down.",
+            "Turn the picture upright if it is upside down. Else give the sport (--field) or the field's own sizes "
+            "(field.sizes), or a mask with the right circle.",
             another_interpretation=True,
         ),
         Refusal(
@@ -300,9 +306,9 @@ REFUSALS = _by_code(
             "mark_contradicts_circle",
             "the centre mark is not where circle and line put it",
             "A boot, a ball or a logo was taken for the mark, something else for the halfway line, or the picture was "
-            "cut out of a larger one.",
+            "cut out of a larger one, or bent by a fisheye.",
             "Give a mask, or switch the mark off (cues.centre_mark=false); of a picture that was cut out, set "
-            "camera.principal_point_sd_px=300.",
+            "camera.principal_point_sd_px=300; take the distortion out of a fisheye's.",
             another_interpretation=True,
         ),
         Refusal(

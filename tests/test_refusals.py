@@ -82,3 +82,20 @@ def test_a_stage_adds_what_is_particular():
     plain, detailed = refuse("edges", "no_edges"), refuse("ellipse", "arc_too_short", "40 degrees, 60 are needed")
     assert (plain.stage, plain.code, plain.reason) == ("edges", "no_edges", REFUSALS["no_edges"].words)
     assert detailed.reason == f"{REFUSALS['arc_too_short'].words}: 40 degrees, 60 are needed"
+
+
+@pytest.mark.parametrize(
+    ("code", "helps"),
+    [
+        ("line_beyond_field", "Turn the picture upright"),
+        ("implausible_camera", "Turn a picture that lies on its side upright"),
+        ("implausible_camera", "fisheye"),
+        ("mark_contradicts_circle", "fisheye"),
+        ("no_circle_found", "straight above"),
+        ("no_circle_found", "mask.paint_bgr"),
+        ("circle_support_too_low", "mask.paint_bgr"),
+        ("no_band", "dark or noisy"),
+    ],
+)
+def test_help_names_what_is_likeliest_wrong_with_the_picture(code, helps):
+    assert helps in explain(code).help

@@ -9,12 +9,14 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeFloat
 
 from circlecal.camera.observed import NoiseModel
-from circlecal.camera.picture_shape import square_of_width_left, usual_point_sd
+from circlecal.camera.picture_shape import square_of_width_left, usual_log_aspect, usual_point_sd
 from circlecal.camera.priors import Priors, SharedPriorConfig, ZoomLens
 from circlecal.field import Circle, FieldTemplate
-from circlecal.geometry.camera_parameters import INDEX, KAPPA_1, LOG_FOCAL, PARAMETERS, ProjectionModel
+from circlecal.geometry.camera_parameters import INDEX, KAPPA_1, LOG_ASPECT, LOG_FOCAL, PARAMETERS, ProjectionModel
 from circlecal.geometry.homography import Side
+from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import SurfaceShape
+from circlecal.geometry.window import Window
 
 Spreads = tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat]
 AboveGround = tuple[float, float, Annotated[float, Field(le=0)]]
@@ -73,6 +75,12 @@ class CameraConfig(BaseModel):
         "15, and up to 250 for pictures of a shape that no camera has (16:9, 4:3, 3:2, 2:3, ... within 1 %), since "
         "these were cut out of larger ones.",
     )
+    window_px: Window | None = Field(
+        None,
+        description="The part of the picture that the camera took, at whose middle the lens points: columns before it, "
+        "rows before it, its width and its height, pixels. null: all of the picture, without plain bars or a plain "
+        "wall around it.",
+    )
     distortion: Literal["none", "radial"] = Field(
         "radial",
         description="Lens model: none for pictures whose distortion was taken out, or radial with the priors below.",
@@ -98,10 +106,18 @@ class CameraConfig(BaseModel):
     )
     k2_mean: float = Field(0.0, description="Prior mean of the second radial coefficient, half-widths.")
     k2_sd: float = Field(0.0, ge=0, description="Prior standard deviation of it; 0 fixes it.")
-    aspect: float = Field(
-        1.0, gt=0.2, lt=5, description="Pixel aspect fy / fx (old PAL video is stored with other than 1)."
+    aspect: float | None = Field(
+        None,
+        gt=0.2,
+        lt=5,
+        description="Pixel aspect fy / fx, the width of a pixel over its height, over what a video's file says. null: "
+        "what the file says, else 1, and of pictures of 720 x 576, 720 x 480 and other sizes of standard television, "
+        "whose pixels are never square, that of 16:9 or of 4:3, which the picture must tell: 1.422 or 1.067 for "
+        "720 x 576, 1.185 or 0.889 for 720 x 480.",
     )
-    aspect_sd: float = Field(0.0, ge=0, description="Prior standard deviation of its logarithm; 0 fixes it.")
+    aspect_sd: float = Field(
+        0.0, ge=0, description="Prior standard deviation of its logarithm, beside that of an unknown one; 0 fixes it."
+    )
     crown_m: float = Field(
         0.05, ge=-0.5, le=1, description="Prior mean of the drop of the pitch at |y| = 9.15 m, metres."
     )
@@ -204,13 +220,37 @@ class CameraConfig(BaseModel):
     )
 
     def principal_point_sd(self, width: int, height: int) -> tuple[float, float]:
-        """Standard deviations of the principal point about the middle of a picture, along its width and its height, in
-        its own pixels.
+        """Standard deviations of the principal point about the middle of a picture's window, along its width and its
+        height, in its own pixels.
         """
+        width, height = self.size_of_window(width, height)
         if self.principal_point_sd_px is None:
             return usual_point_sd(width, height)
         told = self.principal_point_sd_px * width / 1920.0
         return told, told
+
+    def size_of_window(self, width: int, height: int) -> tuple[int, int]:
+        """Width and height of what a camera took of a picture of this size, in its own pixels."""
+        if self.window_px is None:
+            return width, height
+        return round(self.window_px.width), round(self.window_px.height)
+
+    def principal_point_shift(self, width: int, height: int) -> Array:
+        """How far the middle of a picture's window lies from the picture's own (2,), pixels."""
+        return np.zeros(2) if self.window_px is None else self.window_px.shift_of_middle(width, height)
+
+    def growth_of_distortion(self, width: int) -> float:
+        """How many times as large the usual radial distortion is in half-widths of a picture so wide as in those of its
+        window; 1 where it is told for the whole picture.
+        """
+        if self.window_px is None or self.k1_mean is not None:
+            return 1.0
+        return (width / self.window_px.width) ** 2
+
+    def log_aspect(self, width: int, height: int) -> tuple[float, float]:
+        """Mean and standard deviation of the logarithm of fy / fx for pictures of this size."""
+        mean, sd = usual_log_aspect(width, height) if self.aspect is None else (float(np.log(self.aspect)), 0.0)
+        return mean, float(np.hypot(sd, self.aspect_sd))
 
     @property
     def usual_crown(self) -> SurfaceShape:
@@ -237,12 +277,14 @@ def priors_of(config: CameraConfig, template: FieldTemplate, circle: Circle, mod
     sd[INDEX["roll"]] = np.radians(config.roll_sd_deg)
     if config.position_m is not None:
         mean[4:7], sd[4:7] = config.position_m, config.position_sd_m
+    mean[7:9] = config.principal_point_shift(model.width, model.height)
     sd[7:9] = config.principal_point_sd(model.width, model.height)
     radial = config.distortion == "radial"
-    size = model.width, model.height
-    mean[KAPPA_1], sd[KAPPA_1] = (usual_kappa(config, USUAL_FOCAL_WIDTHS, size), config.k1_sd) if radial else (0.0, 0.0)
+    grown = config.growth_of_distortion(model.width)
+    usual = grown * usual_kappa(config, USUAL_FOCAL_WIDTHS, (model.width, model.height)), grown * config.k1_sd
+    mean[KAPPA_1], sd[KAPPA_1] = usual if radial else (0.0, 0.0)
     mean[10], sd[10] = (config.k2_mean, config.k2_sd) if radial else (0.0, 0.0)
-    mean[INDEX["log_aspect"]], sd[INDEX["log_aspect"]] = np.log(config.aspect), config.aspect_sd
+    mean[LOG_ASPECT], sd[LOG_ASPECT] = config.log_aspect(model.width, model.height)
     flat = config.crown_shape == "flat"
     mean[INDEX["crown"]], sd[INDEX["crown"]] = (0.0, 0.0) if flat else (config.crown_m, config.crown_sd_m)
     sd[INDEX["width"]] = template.marking_width_sd_m if config.width_sd_m is None else config.width_sd_m
@@ -262,7 +304,7 @@ def priors_of(config: CameraConfig, template: FieldTemplate, circle: Circle, mod
         elevation_sd_rad=np.inf if config.elevation_sd_deg is None or free else np.radians(config.elevation_sd_deg),
         center_m=np.asarray(circle.center, dtype=np.float64),
         shared=shared,
-        lens=zoom_lens(config, size) if radial and np.isfinite(sd[KAPPA_1]) else None,
+        lens=zoom_lens(config, (model.width, model.height)) if radial and np.isfinite(sd[KAPPA_1]) else None,
     )
 
 
@@ -275,14 +317,17 @@ def zoom_lens(config: CameraConfig, size: tuple[int, int]) -> ZoomLens | None:
     """
     if config.k1_mean is not None:
         return None
-    return replace(BROADCAST_ZOOM, far=BROADCAST_ZOOM.far - _shortfall_at_long_end(config, size), width=size[0])
+    grown, told = config.growth_of_distortion(size[0]), BROADCAST_ZOOM
+    far = told.far - _shortfall_at_long_end(config, size)
+    return replace(told, far=grown * far, by_focal=grown * told.by_focal, width=config.size_of_window(*size)[0])
 
 
 def _shortfall_at_long_end(config: CameraConfig, size: tuple[int, int]) -> float:
     """By how much less lenses distort pictures of a size, half-widths, which were cut out of larger ones; 0 for whole
     ones, as all are where the user tells that the principal point is near their middle.
     """
-    left = 1.0 if config.principal_point_sd_px is not None else square_of_width_left(*size)
+    is_whole = config.principal_point_sd_px is not None
+    left = 1.0 if is_whole else square_of_width_left(*config.size_of_window(*size))
     return (1.0 - left) * BROADCAST_ZOOM.far
 
 

@@ -1,5 +1,5 @@
-"""What the shape of a picture tells of where its principal point lies: one that no camera takes was cut out of a larger
-one, whose middle nobody knows.
+"""What the size of a picture tells of its camera: one of a shape that no camera takes was cut out of a larger one,
+whose middle nobody knows, and sizes of standard television have pixels that are not square.
 """
 
 from __future__ import annotations
@@ -29,12 +29,44 @@ USUAL_SHAPE = 16 / 9
 WIDTHS = (640, 720, 768, 854, 960, 1024, 1280, 1440, 1600, 1920, 2048, 2560, 3840, 4096)
 HEIGHTS = (360, 480, 540, 576, 720, 900, 1080, 1152, 1440, 2160)
 """Pixels of pictures of video and of screens: one that has kept such a side was cut along the other only."""
+OBLONG_SIZES = (
+    (720, 576), (704, 576), (720, 480), (704, 480), (352, 288), (352, 240), (176, 144), (1408, 1152)
+)  # fmt: skip
+"""Sizes in pixels, width and height, in which standard television and its halves are stored: never with square pixels,
+whatever the file tells. Pictures of other sizes that were squeezed cannot be told by their size.
+"""
+SHOWN_SHAPES = (16 / 9, 4 / 3)
+"""Width over height of what such a picture shows, either as likely as the other."""
+
+
+def is_oblong(width: int, height: int) -> bool:
+    """Whether a picture has a size of television whose pixels are not square."""
+    return (width, height) in OBLONG_SIZES
+
+
+def list_aspects(width: int, height: int) -> tuple[float, ...]:
+    """Widths of a pixel over its height that a picture of this size may have, the wider one first: one of wide and one
+    of old television for its sizes, and 1 for all others.
+    """
+    if not is_oblong(width, height):
+        return (1.0,)
+    return tuple(shape * height / width for shape in SHOWN_SHAPES)
+
+
+def usual_log_aspect(width: int, height: int) -> tuple[float, float]:
+    """Mean and standard deviation of the logarithm of a pixel's width over its height, where nothing but the size of
+    its picture is known.
+    """
+    logs = np.log(list_aspects(width, height))
+    return float(logs.mean()), float(logs.std())
 
 
 def is_cut(width: int, height: int) -> bool:
     """Whether a picture has the shape of none that a camera takes, so that it is a part of a larger one; upright ones
     as high as a video are, too.
     """
+    if is_oblong(width, height):
+        return False
     apart = min(abs(width / height / shape - 1.0) for shape in SHAPES)
     return apart > SHAPE_TOLERANCE or (width < height and height in HEIGHTS)
 

@@ -112,15 +112,21 @@ def calibrate(
 
 def _notes(record: ResultRecord, config: Config) -> Iterator[str]:
     """What is said of a frame beside its row in the table."""
-    from circlecal.camera.picture_shape import is_cut
+    from circlecal.camera.picture_shape import is_cut, is_oblong, list_aspects
     from circlecal.config import find_template
 
     if record.near_limits:
         yield f"{record.id}: {record.status}, near a limit: {', '.join(record.near_limits)}"
     image = record.image
     if image is not None and config.camera.principal_point_sd_px is None and is_cut(image.width, image.height):
-        told = "is the shape of no camera's picture, so it is taken for a part of a larger one"
+        told = "is the shape of no camera's picture: without bars, it is taken for a part of a larger one"
         yield f"{record.id}: {image.width} x {image.height} {told} (camera.principal_point_sd_px)"
+    is_unknown = config.camera.aspect is None and image is not None and image.aspect == 1.0
+    if image is not None and is_unknown and is_oblong(image.width, image.height):
+        wide, old = list_aspects(image.width, image.height)
+        told = "is a size of television, whose pixels are not square: how wide they are is estimated"
+        mend = f"set camera.aspect={wide:.3f} if it shows 16:9, {old:.3f} if 4:3"
+        yield f"{record.id}: {image.width} x {image.height} {told}; {mend}"
     if record.no_correspondences and config.correspondences.case != "auto":
         asked = f"no correspondences of case {config.correspondences.case}"
         yield f"{record.id}: {asked}: {record.no_correspondences}"

@@ -15,7 +15,7 @@ from circlecal.config.sections import (
     LearningConfig,
     OutputConfig,
 )
-from circlecal.config.suiting import check_among, find_template, load_told_field, suit_config, suit_pixels
+from circlecal.config.suiting import aspect_of, check_among, find_template, load_told_field, suit_config, suit_pixels
 from circlecal.config.writing import absolute_files, config_digest, effective_yaml, json_schema
 
 __all__ = [
@@ -29,6 +29,7 @@ __all__ = [
     "NamedOption",
     "OutputConfig",
     "absolute_files",
+    "aspect_of",
     "check_among",
     "config_digest",
     "config_folder",

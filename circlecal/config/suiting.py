@@ -50,11 +50,16 @@ def _differences(given: BaseModel, usual: BaseModel, prefix: str = "") -> dict[s
 
 def suit_pixels(config: Config, aspect: float | None) -> Config:
     """The configuration for pictures whose pixels are ``aspect`` times as wide as tall, as their file tells; the one
-    given where no file tells it, or where it says itself what pixels are like.
+    given where no file tells it (None, or 1 in what circlecal has written), or where it says itself what they are like.
     """
-    if aspect is None or config.camera.aspect != 1.0:
+    if aspect in (None, 1.0) or config.camera.aspect is not None:
         return config
     return config.model_copy(update={"camera": config.camera.model_copy(update={"aspect": aspect})})
+
+
+def aspect_of(config: Config) -> float:
+    """Width of a pixel over its height as far as the options or a video's file tell; 1 where they tell nothing."""
+    return 1.0 if config.camera.aspect is None else config.camera.aspect
 
 
 def find_template(config: Config, name: str) -> str:

@@ -300,7 +300,7 @@ def look_again(setting: Setting, scene: Scene, attempt: Attempt) -> Attempt:
         ground = picture if scene.relief is None else scene.gray
         other_paints = _find_other_paints(setting, scene, mask, attempt)
         evidence = measure_evidence(picture, mask, camera, template, carriers, other_paints)
-        surroundings = measure_surroundings(ground, mask, camera, template, scene.covered, scene.image)
+        surroundings = measure_surroundings(ground, mask, camera, template, scene.unseen, scene.image)
         expected = look_for_markings(picture, wider, template, circle, known, mask.field_region)
         verdict = weigh_evidence(verdict, camera, evidence, surroundings, template, expected)
         attempt = replace(attempt, verdict=verdict)

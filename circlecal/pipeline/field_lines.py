@@ -157,7 +157,7 @@ def _accept(
         verdict = confirm_field_lines(attempt.verdict, camera, used, agreement, template)
         if verdict.status == "calibrated":
             evidence = measure_evidence(picture, mask, camera, template, used)
-            ground = measure_surroundings(picture, mask, camera, template, scene.covered, scene.image)
+            ground = measure_surroundings(picture, mask, camera, template, scene.unseen, scene.image)
             verdict = weigh_evidence(verdict, camera, evidence, ground, template, agreement)
     if verdict.status != "calibrated":
         return None

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.config import Config
+from circlecal.config import Config, config_digest
 from circlecal.errors import InputError
 from circlecal.observations import Observations
 from circlecal.paint.brightness import measure_paint
+from circlecal.pictures.window import find_window
 from circlecal.pipeline.discs import DISCS
 from circlecal.pipeline.doubtful_circle import refuse_bare_field, refuse_doubtful
 from circlecal.pipeline.field_lines import FIELD_LINES, is_sure, look_for_field_lines
@@ -82,6 +83,7 @@ def run(
     height, width = image.shape[:2]
     if mask is not None and mask.shape != (height, width):
         raise InputError(f"{frame_id}: the mask is {mask.shape[1]}x{mask.shape[0]}, the picture {width}x{height}")
+    digest, config = config_digest(config), _suit_window(config, image)
     setting = Setting(config, template, circle, width, height, frame_generator(config.seed))
     scene = prepare_scene(setting, image, mask, extra, looks)
     if is_brief and config.field.any_circle:
@@ -93,7 +95,16 @@ def run(
     attempt = cover_painters(setting, attempt)
     # among several fields what speaks for each is compared afterwards
     attempt = attempt if looks is not None else refuse_other_field(setting, scene, attempt)
-    return replace(setting.calibration(attempt, frame_id, source), paint_bgr=_measure_paint(setting, scene, attempt))
+    paint_bgr = _measure_paint(setting, scene, attempt)
+    return replace(setting.calibration(attempt, frame_id, source), paint_bgr=paint_bgr, config_digest=digest)
+
+
+def _suit_window(config: Config, image: NDArray[np.uint8]) -> Config:
+    """The configuration with the window of a picture that has bars or a plain wall around it."""
+    window = find_window(image) if config.camera.window_px is None else None
+    if window is None:
+        return config
+    return config.model_copy(update={"camera": config.camera.model_copy(update={"window_px": window})})
 
 
 def _calibrate_frame(setting: Setting, scene: Scene) -> Attempt:

@@ -11,7 +11,7 @@ from typing import TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.config import Config, config_digest
+from circlecal.config import Config, aspect_of, config_digest
 from circlecal.detection import Detection
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.projective import Mask
@@ -19,6 +19,7 @@ from circlecal.observations import Observations
 from circlecal.paint.brightness import brightness_of_paint
 from circlecal.pictures.graphics import cover_bands, fill_bands, find_bands, lie_clear
 from circlecal.pictures.interlacing import measure_row_motion, remove_combs
+from circlecal.pictures.window import cover_outside
 from circlecal.results import Attempt, Cues, FrameCalibration, LineCue, MarkingMask, RayPoints
 from circlecal.stages.mask import look_quickly, suit_field
 
@@ -83,7 +84,7 @@ class Setting:
             timings_ms=self.timings_ms,
             source=source,
             template=self.template,
-            aspect=self.config.camera.aspect,
+            aspect=aspect_of(self.config),
         )
 
 
@@ -122,6 +123,8 @@ class Scene:
         In its place for all that is painted: lines and edges as light bands, where a disc's rim is looked for.
     covered : (H, W) bool or None
         What graphics cover; None where there are none.
+    outside : (H, W) bool or None
+        What lies outside the picture's window; None where the camera took all of it.
     given : (H, W) uint8 or None
         The user's marking mask.
     extra : Observations or None
@@ -140,6 +143,14 @@ class Scene:
     looks: Looks = field(default_factory=Looks)
     relief: NDArray[np.uint8] | None = None
     covered: Mask | None = None
+    outside: Mask | None = None
+
+    @property
+    def unseen(self) -> Mask | None:
+        """Where (H, W) the camera's picture is not seen: what graphics cover, and what lies outside its window."""
+        if self.covered is None or self.outside is None:
+            return self.outside if self.covered is None else self.covered
+        return self.covered | self.outside
 
     @property
     def marked(self) -> NDArray[np.uint8]:
@@ -209,7 +220,9 @@ def prepare_scene(
         options = suit_field(setting.config.mask, setting.template)
         key = ("first look", options.model_dump_json())
         first_look = looks.once(key, lambda: look_quickly(image, given, options, setting.rng, gray, covered))
-    return Scene(image, gray, given, extra, first_look, looks, covered=covered)
+    window = setting.config.camera.window_px
+    outside = None if window is None else cover_outside(image.shape, window)
+    return Scene(image, gray, given, extra, first_look, looks, covered=covered, outside=outside)
 
 
 def lighten_markings(gray: NDArray[np.uint8], mask: MarkingMask, circle: Circle) -> NDArray[np.uint8]:

@@ -17,7 +17,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from circlecal.config import Config, config_digest, suit_pixels
+from circlecal.config import Config, aspect_of, config_digest, suit_pixels
 from circlecal.errors import CirclecalError, InputError
 from circlecal.formats.annotation import digest_annotations
 from circlecal.pictures.video import Sampling, Video, frame_id, pictures_at
@@ -116,7 +116,7 @@ class ClipRun:
 
     def form(self, video: Video) -> RecordForm:
         """What all records of a video have in common."""
-        aspect = self.config_of(video).camera.aspect
+        aspect = aspect_of(self.config_of(video))
         return RecordForm(*field_of(self.config), self.config.seed, self.digest, self.full, aspect, video.bytes)
 
     def config_of(self, video: Video) -> Config:
@@ -269,7 +269,7 @@ def _suit_known(run: ClipRun, video: Video) -> Venue | None:
     if run.known is None:
         return None
     try:
-        return run.known.suit_pictures((video.width, video.height), run.config_of(video).camera.aspect)
+        return run.known.suit_pictures((video.width, video.height), aspect_of(run.config_of(video)))
     except InputError as error:
         raise InputError(f"{video.path}: {error}") from error
 

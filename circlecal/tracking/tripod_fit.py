@@ -77,8 +77,9 @@ def common_priors(
     know("head_roll", 0.0, np.radians(ROLL_SD_DEG))
     know("lever", rig.lever_m, rig.lever_sd_m)
     know("lever_by_zoom", 0.0, LEVER_BY_ZOOM_SD_M)
-    for name, spread in zip(("pp_x", "pp_y"), config.principal_point_sd(*picture), strict=True):
-        know(name, 0.0, spread)
+    shift, spreads = config.principal_point_shift(*picture), config.principal_point_sd(*picture)
+    for name, off, spread in zip(("pp_x", "pp_y"), shift, spreads, strict=True):
+        know(name, float(off), spread)
         know(f"{name}_by_zoom", 0.0, POINT_BY_ZOOM_PX * picture[0] / 1920.0)
     radial = config.distortion == "radial"
     know("kappa_1", usual_kappa(config, focal_widths, picture) if radial else 0.0, config.k1_sd if radial else 0.0)
@@ -87,7 +88,7 @@ def common_priors(
     bend = usual_k1_by_focal(config)
     know("kappa_1_by_focal", bend, BEND_SD if bend > 0.0 else 0.0)
     know("kappa_2", config.k2_mean if radial else 0.0, config.k2_sd if radial else 0.0)
-    know("log_aspect", float(np.log(config.aspect)), config.aspect_sd)
+    know("log_aspect", *config.log_aspect(*picture))
     flat = config.crown_shape == "flat"
     know("crown", 0.0 if flat else config.crown_m, 0.0 if flat else config.crown_sd_m)
     know("width", 0.0, WIDTH_SD_M)

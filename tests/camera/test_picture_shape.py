@@ -1,10 +1,17 @@
 """What the shape of a picture tells of its principal point."""
 
+import cv2
 import numpy as np
 import pytest
 
 from circlecal.api.calls import calibrate_picture
-from circlecal.camera.picture_shape import is_cut, square_of_width_left, usual_point_sd
+from circlecal.camera.picture_shape import (
+    is_cut,
+    list_aspects,
+    square_of_width_left,
+    usual_log_aspect,
+    usual_point_sd,
+)
 from circlecal.config import load_config
 from circlecal.synthetic.renderer import render
 from circlecal.synthetic.sampling import sample_scene
@@ -60,3 +67,36 @@ def test_a_picture_that_was_cut_out_of_a_larger_one_is_calibrated_as_such():
     assert (np.abs(camera.camera.principal_point_px - middle_px) < 4.0 * sd).all()
     whole = calibrate_picture(picture, load_config(None, ["camera.principal_point_sd_px=15"]), frame_id="cut")
     assert whole.status == "refused" or farthest_px(whole) > 4.0 * farthest_px(found)
+
+
+def test_pixels_of_televisions_sizes_are_those_of_16_to_9_or_4_to_3():
+    assert list_aspects(720, 576) == pytest.approx((1.4222, 1.0667), abs=1e-4)
+    assert list_aspects(720, 480) == pytest.approx((1.1852, 0.8889), abs=1e-4)
+    assert not is_cut(352, 240)
+    mean, sd = usual_log_aspect(704, 576)
+    assert np.exp([mean - sd, mean + sd]) * 704 / 576 == pytest.approx([4 / 3, 16 / 9])
+    for size in ((1920, 1080), (960, 720), (768, 576), (480, 720)):
+        assert list_aspects(*size) == (1.0,)
+        assert usual_log_aspect(*size) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("size", [(720, 576), (704, 480)])
+def test_the_camera_of_a_picture_in_a_size_of_television_is_known_no_better_than_its_pixels(size):
+    rng = np.random.default_rng([0, 4])
+    scene = sample_scene("broadcast", rng, 1280, 720)
+    picture = np.asarray(cv2.resize(render(scene, rng).image, size, interpolation=cv2.INTER_AREA), np.uint8)
+
+    def sigmas_off(*settings):
+        camera = calibrate_picture(picture, load_config(None, settings), frame_id="pal").attempt.camera
+        off = camera.camera.position_m - scene.camera.position_m
+        sd = np.sqrt(np.diag(camera.covariance)[4:7])
+        return float(np.abs(off / sd).max()), float(camera.camera.focal_px[1] / camera.camera.focal_px[0])
+
+    wide = (16 / 9) * size[1] / size[0]
+    estimated, aspect = sigmas_off()
+    assert estimated < 3.0
+    assert aspect == pytest.approx(wide, rel=0.15)
+    told, aspect = sigmas_off(f"camera.aspect={wide:.6f}")
+    assert told < 3.0
+    assert aspect == pytest.approx(wide, rel=1e-5)
+    assert sigmas_off("camera.aspect=1")[0] > 6.0

@@ -258,3 +258,16 @@ def test_a_format_without_names_for_the_field_is_told_before_the_first_frame(
     assert outcome.code == 2
     assert "keypoints of PnLCalib need a soccer pitch; the field 'handball' has no" in outcome.err
     assert not out.exists()
+
+
+def test_a_size_of_television_is_noted_with_the_pixels_that_it_may_have(run_circlecal, frame_file, tmp_path):
+    file = tmp_path / "pal.png"
+    cv2.imwrite(str(file), cv2.resize(cv2.imread(str(frame_file)), (720, 576), interpolation=cv2.INTER_AREA))
+    note = "set camera.aspect=1.422 if it shows 16:9, 1.067 if 4:3"
+    outcome = run_circlecal("calibrate", file, "--out", tmp_path / "out", *QUICK)
+    assert any(
+        line.startswith("circlecal: pal: 720 x 576") and line.endswith(note) for line in outcome.err.splitlines()
+    )
+    for aspect in ("1.422", "1"):
+        told = run_circlecal("calibrate", file, "--out", tmp_path / "told", *QUICK, "--set", f"camera.aspect={aspect}")
+        assert "camera.aspect" not in told.err

@@ -301,6 +301,12 @@ FAILURES = {
         "lean to its side",
         34.7,
     ),
+    "on its side": (
+        camera_fit(replace(CAMERA, angles_rad=CAMERA.angles_rad + np.radians([0.0, 0.0, -90.0]))),
+        "implausible_camera",
+        "the picture lies on its side or upside down: turn it upright (roll",
+        89.7,
+    ),
     "long lens": (
         camera_fit(replace(CAMERA, focal_px=np.full(2, 50 * 1280.0))), "implausible_camera", "longer than", 50.0
     ),
