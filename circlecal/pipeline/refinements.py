@@ -210,7 +210,7 @@ def add_faint_lines(setting: Setting, scene: Scene, attempt: Attempt) -> Iterato
     mask, cues = fitted.mask, fitted.cues
     with setting.clock("cues"):
         picture = lighten_markings(scene.marked, mask, setting.circle)
-        seen = find_faint_lines(picture, fitted.camera, setting.template, setting.circle, mask.field_region)
+        seen = find_faint_lines(picture, fitted.camera, setting.template, mask.field_region)
         told = Cues(None, None, scene.clear_lines(seen))
         found = tuple(
             line
