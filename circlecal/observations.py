@@ -98,6 +98,12 @@ class LinePoints(ShortRepr):
         """The marking, where it is known."""
         return None if self.line is None else MarkingKey(self.line)
 
+    def clear(self) -> LinePoints:
+        """A line of which nothing is seen and whose marking is not known: it keeps the place of this one among others,
+        by whose number names are given.
+        """
+        return replace(self, line=None, points_px=self.points_px[:0], sigma_px=self.sigma_px[:0], ends=())
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MarkPoint:
@@ -160,7 +166,9 @@ class Observations:
         return self.width, self.height, self.circles, self.lines, self.marks, self.keypoints, curves
 
     def without(self, keys: Collection[MarkingKey]) -> Observations:
-        """All but what was seen of some markings."""
+        """All but what was seen of some markings; further lines take the numbers of those that go, so that names which
+        were given by number do not hold any more.
+        """
         return replace(
             self,
             circles=tuple(circle for circle in self.circles if circle.key not in keys),

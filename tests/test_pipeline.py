@@ -444,9 +444,9 @@ def test_a_part_of_the_circle_is_measured_along_a_draft_and_no_draft_is_an_answe
     """Other sizes of the field are tried once only."""
     drafts = []
 
-    def count(*args):
-        drafts.append(args[-1])
-        return estimate_camera(*args)
+    def count(*args, is_draft, **named):
+        drafts.append(is_draft)
+        return estimate_camera(*args, is_draft=is_draft, **named)
 
     monkeypatch.setattr(attempts, "estimate_camera", count)
     if not is_found:

@@ -10,6 +10,8 @@ from circlecal.geometry.projective import Array, dehomogenise, lift
 
 LARGEST_INVERSE = 1e11
 """Entries of an inverse beyond which it is taken without its singular directions."""
+MOST_LAG = 40
+"""Residuals along a curve are compared with at most so many that follow them."""
 
 
 def posterior_covariance(normal: Array, sd: Array) -> Array:
@@ -127,7 +129,7 @@ def data_share(seen: Projection, covariance: Array, prior_normal: Array) -> floa
     return float(np.clip(1.0 - by_prior / total, 0.0, 1.0))
 
 
-def correlation_factor(values: Array, maximum_lag: int = 40) -> float:
+def correlation_factor(values: Array) -> float:
     """By how much neighbouring residuals (N,) repeat each other: the integrated autocorrelation, at least 1."""
     n = len(values)
     if n < 20:
@@ -136,7 +138,7 @@ def correlation_factor(values: Array, maximum_lag: int = 40) -> float:
     power = float(centred @ centred)
     if power <= 0:
         return 1.0
-    lags = min(maximum_lag, n // 4)
+    lags = min(MOST_LAG, n // 4)
     correlation = np.correlate(np.concatenate([centred, np.zeros(lags)]), centred, "valid")[1:] / power
     negative = np.flatnonzero(correlation < 2.0 / np.sqrt(n))
     last = negative[0] if len(negative) else lags

@@ -66,8 +66,17 @@ def convert(
     template, _ = field_of(chosen)
     files = find_convertible(inputs, from_format, out)
     failures: list[InputError] = []
-    told = from_format, to, out, template, options.parse_size(size), chosen.field.template, failures
-    for path in convert_files(files, *told):
+    written_files = convert_files(
+        files,
+        source=from_format,
+        target=to,
+        folder=out,
+        template=template,
+        size=options.parse_size(size),
+        field=chosen.field.template,
+        failures=failures,
+    )
+    for path in written_files:
         if not quiet:
             console.print_line(str(path))
     if failures:

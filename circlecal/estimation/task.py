@@ -20,7 +20,7 @@ from circlecal.geometry.camera_parameters import ProjectionModel
 from circlecal.geometry.least_squares import StoppingRule
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import Surface
-from circlecal.observations import CirclePoints, MarkingKey, Observations
+from circlecal.observations import CirclePoints, LinePoints, MarkingKey, Observations
 from circlecal.results import CameraFit, RoughCamera
 
 DENSE_POINTS = 60
@@ -70,8 +70,9 @@ class Task:
         return replace(rule, iterations=self.config.iterations, bar=bar)
 
     def with_names(self, lines: dict[int, str], arcs: dict[int, str] | None = None) -> Task:
-        """The task with names of seen lines and curves, by their index."""
+        """The task with names of seen lines and curves, by their index; one that has a name or no points gets none."""
         given = self.observations
+        lines = {k: lines[k] for k, line in enumerate(given.lines) if k in lines and _can_be_named(line)}
         named = tuple(replace(line, line=lines.get(k, line.line)) for k, line in enumerate(given.lines))
         sigma_px = ARC_SIGMA_PX * given.width / 1920.0
         found = ((name, given.curves[k]) for k, name in (arcs or {}).items())
@@ -80,8 +81,11 @@ class Task:
         return replace(self, observations=observations, names=lines)
 
     def without(self, keys: Collection[MarkingKey]) -> Task:
-        """The task without some of its markings."""
-        return replace(self, observations=self.observations.without(keys))
+        """The task without some of its markings, and their names; lines keep their numbers."""
+        given = self.observations
+        lines = tuple(line.clear() if line.key in keys else line for line in given.lines)
+        names = {k: name for k, name in self.names.items() if MarkingKey(name) not in keys}
+        return replace(self, observations=replace(given.without(keys), lines=lines), names=names)
 
     def without_marking(self, name: str, names: dict[int, str], by_end: bool) -> Task:
         """The task without a marking: what was taken for it is nothing, nor, ``by_end``, where other lines end.
@@ -91,15 +95,8 @@ class Task:
         given = self.observations
         circles = tuple(circle for circle in given.circles if circle.circle != name)
         lines = tuple(
-            replace(
-                line,
-                line=None if hidden else line.line,
-                points_px=line.points_px[:0] if hidden else line.points_px,
-                sigma_px=line.sigma_px[:0] if hidden else line.sigma_px,
-                ends=() if by_end or hidden else line.ends,
-            )
+            line.clear() if names.get(k, line.line) == name else replace(line, ends=() if by_end else line.ends)
             for k, line in enumerate(given.lines)
-            for hidden in (names.get(k, line.line) == name,)
         )
         return replace(self, observations=replace(given, circles=circles, lines=lines))
 
@@ -140,6 +137,10 @@ class Fit:
     posterior: Posterior | None = None
     given_px: Array | None = None
     growth: float = 1.0
+
+
+def _can_be_named(line: LinePoints) -> bool:
+    return line.line is None and len(line.points_px) > 0
 
 
 def is_dense(curves: CurvePoints) -> bool:

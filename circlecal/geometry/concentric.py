@@ -18,14 +18,13 @@ from circlecal.geometry.projective import Array, apply_homography
 
 @dataclass(frozen=True, slots=True)
 class ConcentricCenter:
-    """Imaged centre (3,), all three eigenvalues and the relative gap of the isolated one.
+    """Imaged centre (3,), and how far its eigenvalue is isolated from the others, in mean eigenvalues.
 
     ``pair_split`` is the relative distance between the two eigenvalues that are equal without noise; the centre means
     something only where it is well below ``gap``.
     """
 
     center: Array
-    eigenvalues: Array
     gap: float
     pair_split: float
 
@@ -81,7 +80,6 @@ def imaged_center(outer: ArrayLike, inner: ArrayLike) -> ConcentricCenter | None
     center = center / center[2]
     return ConcentricCenter(
         center=center,
-        eigenvalues=values.real.copy(),
         gap=float(np.min(np.abs(values[best] - rest)) / size),
         pair_split=float(np.abs(rest[0] - rest[1]) / size),
     )

@@ -25,6 +25,8 @@ FIRST_BATCH = 48
 """Hypotheses before the first look at the share of inliers."""
 SAFETY = 3.0
 """Samples without outliers that are wanted: noise makes many of them poor."""
+MOST_REFITS = 4
+"""Hypotheses of each batch, those that explain most, that are refitted locally."""
 LOCAL_ROUNDS = 4
 """Refits of each kept hypothesis to its own inliers."""
 
@@ -86,7 +88,6 @@ def ransac_conic(
     rng: np.random.Generator,
     *,
     hypotheses: int = 1000,
-    keep: int = 4,
     method: str = "direct",
     confidence: float = 1.0,
     start: ArrayLike | None = None,
@@ -103,8 +104,6 @@ def ransac_conic(
         Source of the samples.
     hypotheses : int
         Most minimal samples, computed in batches.
-    keep : int
-        How many of the best are refitted locally.
     method : {"direct", "algebraic", "taubin"}
         Closed form of the local refits.
     confidence : float
@@ -137,7 +136,7 @@ def ransac_conic(
         batch = needed if confidence >= 1.0 else min(max(FIRST_BATCH, drawn), needed - drawn)
         sampled, drawn = sample_conics(local, batch, rng), drawn + batch
         costs = msac_costs(sampled, local, threshold)
-        promising = np.argsort(costs, kind="stable")[:keep]
+        promising = np.argsort(costs, kind="stable")[:MOST_REFITS]
         if best is not None and best.inliers.mean() > MOSTLY_EXPLAINED:
             promising = promising[costs[promising] < best.cost]
         if len(promising):

@@ -151,11 +151,11 @@ class Canvas:
         step = 2 if dashed else 1
         self.segments(p[:-1][::step], p[1:][::step], color, width, halo)
 
-    def conic(self, conic: Array, color: Color, width: float = 1.5, halo: bool = False, dashed: bool = False) -> None:
+    def conic(self, conic: Array, color: Color, width: float = 1.5, dashed: bool = False) -> None:
         """Draw an ellipse; other conics are left out."""
         ellipse = ellipse_from_conic(conic) if np.isfinite(conic).all() else None
         if ellipse is not None:
-            self.polyline(ellipse.points(np.linspace(0.0, 2 * np.pi, 361)), color, width, halo, dashed)
+            self.polyline(ellipse.points(np.linspace(0.0, 2 * np.pi, 361)), color, width, dashed=dashed)
 
     def line(self, line: ArrayLike, color: Color, width: float = 1.5, halo: bool = False, dashed: bool = False) -> None:
         """Draw a homogeneous line (3,) across the frame."""

@@ -178,7 +178,7 @@ def verdict_reasons(calibration: FrameCalibration) -> list[str]:
     return [reason, *([] if verdict.code is None else [f"What helps: {explain(verdict.code, verdict.stage).help}"])]
 
 
-def draw_correspondences(canvas: Canvas, found: Correspondences, labels: bool = True) -> None:
+def draw_correspondences(canvas: Canvas, found: Correspondences) -> None:
     """Draw derived points with labels, and each tangent around its point."""
     center = dehomogenise(found.imaged_center)
     reach = 0.35 * max((float(np.linalg.norm(p.image_px - center)) for p in found.points), default=0.0)
@@ -188,7 +188,7 @@ def draw_correspondences(canvas: Canvas, found: Correspondences, labels: bool = 
             canvas.polyline(_piece(tangent.image_line, by_label[tangent.label].image_px, reach), TANGENT, 1.4)
     for point in found.points:
         canvas.disc(point.image_px, POINT, 8.0)
-    for point in found.points if labels else ():
+    for point in found.points:
         canvas.label(point.label.replace("_", " "), point.image_px, WHITE, toward=point.image_px - center, size=0.75)
 
 

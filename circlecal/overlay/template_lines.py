@@ -20,6 +20,8 @@ overflow drawing programs.
 """
 _SIGMA_STEPS = 210.0
 """Pieces of a marking as long as the field at whose ends its standard deviation is taken."""
+COLUMNS = 96
+"""Columns of the grid on which standard deviations are shown over a picture."""
 
 
 def pixels_near_picture(view: FieldView, points_m: Array) -> Array:
@@ -84,13 +86,13 @@ def count_sigma_from_seen(view: FieldView, by_growth: ArrayLike) -> FieldView:
     return replace(view, covariance=turn @ view.covariance @ turn.T)
 
 
-def sigma_over_picture(view: FieldView, template: FieldTemplate, columns: int = 96) -> Array | None:
-    """Standard deviation in pixels on a coarse grid (R, columns) of the picture, nan off the field; None where the
+def sigma_over_picture(view: FieldView, template: FieldTemplate) -> Array | None:
+    """Standard deviation in pixels on a grid (R, COLUMNS) of the picture, nan off the field; None where the
     covariance of the camera is not known.
     """
     width, height = view.camera.width, view.camera.height
-    rows = max(2, round(columns * height / width))
-    x, y = np.meshgrid((np.arange(columns) + 0.5) * width / columns, (np.arange(rows) + 0.5) * height / rows)
+    rows = max(2, round(COLUMNS * height / width))
+    x, y = np.meshgrid((np.arange(COLUMNS) + 0.5) * width / COLUMNS, (np.arange(rows) + 0.5) * height / rows)
     field = view.to_field(np.stack([x, y], axis=-1))
     half = np.array([template.length_m, template.width_m]) / 2 + 1.0
     field[~(np.abs(field) <= half).all(axis=-1)] = np.nan

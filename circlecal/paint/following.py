@@ -13,6 +13,8 @@ from circlecal.results import LineCue, Segment
 
 __all__ = ["clip_segment", "follow_line", "widths_at"]
 
+BORDER_PX = 2.0
+"""Distance from the picture's border at which segments are cut off, pixels."""
 MOST_PIECES = 12
 """Pieces by which the halfway line is followed on each side of the circle: more than a picture holds."""
 PIECE_SUPPORT = 0.35
@@ -124,11 +126,11 @@ def widths_at(growth: Array, segments: Sequence[Segment]) -> Array:
     return np.maximum(lift([(segment.start, segment.end) for segment in segments]) @ growth, 0.0)
 
 
-def clip_segment(start: Array, end: Array, width: int, height: int, margin: float = 2.0) -> tuple[Array, Array] | None:
-    """The part of a segment inside the picture, or None."""
+def clip_segment(start: Array, end: Array, width: int, height: int) -> tuple[Array, Array] | None:
+    """The part of a segment at least ``BORDER_PX`` inside the picture, or None."""
     first, last = 0.0, 1.0
     for at, step, size in zip(start.tolist(), (end - start).tolist(), (width, height), strict=True):
-        low, high = margin - at, size - 1 - margin - at
+        low, high = BORDER_PX - at, size - 1 - BORDER_PX - at
         if step == 0:
             if not low <= 0 <= high:
                 return None

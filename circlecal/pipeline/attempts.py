@@ -98,8 +98,18 @@ def find_marking_once(
     """Where the markings are, looked for once with the same options, and why that is not enough."""
     options = suit_field(setting.config.mask, setting.template)
     key = ("marking", options.model_dump_json(), *(other.key for other in ruled_out))
-    look = scene.given, options, setting.rng, scene.marked, ruled_out, scene.first_look
-    return scene.looks.once(key, lambda: find_marking(scene.image, *look))
+    return scene.looks.once(
+        key,
+        lambda: find_marking(
+            scene.image,
+            scene.given,
+            options,
+            setting.rng,
+            gray=scene.marked,
+            ruled_out=ruled_out,
+            first_look=scene.first_look,
+        ),
+    )
 
 
 def has_one_paint(setting: Setting, scene: Scene, marking: MarkingMask) -> bool:
@@ -203,8 +213,16 @@ def estimate(
         if config.camera.enabled:
             with setting.clock("camera"):
                 side = config.correspondences.camera_side
-                options = config.camera, side, earlier, is_strain_left_out, is_draft
-                camera = estimate_camera(observations, template, circle, *options)
+                camera = estimate_camera(
+                    observations,
+                    template,
+                    circle,
+                    config.camera,
+                    camera_side=side,
+                    earlier=earlier,
+                    is_strain_left_out=is_strain_left_out,
+                    is_draft=is_draft,
+                )
             attempt = face_camera(replace(attempt, camera=camera), np.asarray(circle.center))
         elif attempt.homography is None and refusal is not None:
             raise refusal
@@ -278,14 +296,16 @@ def judge_attempt(setting: Setting, attempt: Attempt) -> Attempt:
 
 def look_again(setting: Setting, scene: Scene, attempt: Attempt) -> Attempt:
     """The attempt after the picture was looked at where its camera puts the circle and the other markings."""
-    if attempt.fitted is None:
+    fitted = attempt.fitted
+    if fitted is None:
         return attempt
-    mask, _, cues, observations, camera, _ = attempt.fitted
+    mask, camera = fitted.mask, fitted.camera
     template, circle = setting.template, setting.circle
     picture = lighten_markings(scene.marked, mask, circle)
     # a field with several circles is laid over the picture as a whole where too little is found
     wider = weigh_painters(camera, circle, template) if len(template.circles) == 1 else camera
-    seen_names = {line.line for line in observations.lines} | {c.circle for c in observations.circles}
+    seen_names = {line.line for line in fitted.observations.lines}
+    seen_names |= {c.circle for c in fitted.observations.circles}
     known = frozenset(name for name in (*seen_names, *camera.named_lines) if name is not None)
     if attempt.code == "circle_unconfirmed" and (
         is_circle_painted(picture, camera, template, circle)
@@ -306,7 +326,7 @@ def look_again(setting: Setting, scene: Scene, attempt: Attempt) -> Attempt:
         attempt = replace(attempt, verdict=verdict)
         if verdict.status == "refused":
             return attempt
-    return replace(attempt, verdict=confirm(verdict, camera, cues, expected))
+    return replace(attempt, verdict=confirm(verdict, camera, fitted.cues, expected))
 
 
 def _find_other_paints(

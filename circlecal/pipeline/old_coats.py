@@ -75,21 +75,22 @@ def _clean_circle(setting: Setting, scene: Scene, attempt: Attempt, may_be_alike
     """The attempt with the circle measured without an old coat; None where none is told, or of two that are alike it
     is not clear which is the old one.
     """
-    if attempt.fitted is None:
+    fitted = attempt.fitted
+    if fitted is None:
         return None
-    mask, edges, _, observations, camera, _ = attempt.fitted
-    circle, template = setting.circle, setting.template
-    picture = lighten_markings(scene.marked, mask, circle)
+    camera = fitted.camera
+    circle, template, noise = setting.circle, setting.template, fitted.edges.noise
+    picture = lighten_markings(scene.marked, fitted.mask, circle)
     with setting.clock("rays"):
         profiles = sample_coats(picture, camera.view, circle, template)
         coats = () if profiles is None else find_old_coats(profiles, template.marking_width_m, may_be_alike)
         radius_m = template.radius(circle, "center")
         cleaned = [remove_old_coat(picture, camera.view, circle, radius_m, coat) for coat in coats]
-    found = [measure_curves(setting, clean, camera, (circle,), edges.noise, scene.covered) for clean in cleaned]
+    found = [measure_curves(setting, clean, camera, (circle,), noise, scene.covered) for clean in cleaned]
     tried = [
         estimate(
             setting,
-            replace(attempt, observations=replace_curves(observations, curves), verdict=None),
+            replace(attempt, observations=replace_curves(fitted.observations, curves), verdict=None),
             is_draft=may_be_alike,
         )
         for curves in found

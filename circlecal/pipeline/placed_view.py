@@ -160,9 +160,16 @@ def _calibrate_view(
     if mask is None or edges is None:
         return attempt
     with setting.clock("rays"):
-        options = mask.field_region, edges.noise, setting.config.rays
         follows = not setting.config.field.any_circle
-        circles, lines = measure_template(picture, view, template, *options, follows_curves=follows)
+        circles, lines = measure_template(
+            picture,
+            view,
+            template,
+            region=mask.field_region,
+            noise=edges.noise,
+            config=setting.config.rays,
+            follows_curves=follows,
+        )
         circles = (*circles, *_measure_rims(setting, scene, mask, view, circles))
         lines = leave_out_short_borders(view, template, view.center_of(setting.circle, template), lines, ends)
         # beside painted keys lines lie between two surfaces

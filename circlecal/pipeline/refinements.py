@@ -116,30 +116,32 @@ def remeasure_wide_paint(setting: Setting, scene: Scene, attempt: Attempt) -> It
 
 def remeasure_along_camera(setting: Setting, scene: Scene, attempt: Attempt) -> Iterator[Attempt]:
     """The circle, and the arcs of the field too where only further lines turn it, along the curves of the camera."""
-    if attempt.fitted is None:
+    fitted = attempt.fitted
+    if fitted is None:
         return
-    mask, edges, cues, observations, camera, _ = attempt.fitted
-    is_turned_by_lines = cues.halfway is None and bool(camera.names_by_line)
+    mask, camera, noise = fitted.mask, fitted.camera, fitted.edges.noise
+    is_turned_by_lines = fitted.cues.halfway is None and bool(camera.names_by_line)
     circle = setting.circle
     picture = lighten_markings(scene.marked, mask, circle)
     curves = (circle, *(setting.template.arcs if is_turned_by_lines else ()))
-    found = measure_curves(setting, picture, camera, curves, edges.noise, scene.covered)
+    found = measure_curves(setting, picture, camera, curves, noise, scene.covered)
     if circle.name not in found:
         if _is_draft(attempt):
             yield estimate(setting, replace(attempt, verdict=None))
         return
-    again = replace_curves(observations, found)
+    again = replace_curves(fitted.observations, found)
     if _is_wide(setting, camera):
-        again = _measure_halfway(setting, picture, camera, again, mask.field_region, edges.noise)
+        again = _measure_halfway(setting, picture, camera, again, mask.field_region, noise)
     start = camera if is_turned_by_lines else None
     yield estimate(setting, replace(attempt, observations=again, verdict=None), start)
 
 
 def _find_broad_lines(setting: Setting, attempt: Attempt) -> frozenset[int]:
     """Numbers among the further lines of those that are named, and far broader than the paint that they would be."""
-    if attempt.fitted is None:
+    fitted = attempt.fitted
+    if fitted is None:
         return frozenset()
-    _, edges, cues, _, camera, _ = attempt.fitted
+    cues, camera = fitted.cues, fitted.camera
     first = 0 if cues.halfway is None else 1
     names = {k - first: name for k, name in camera.names_by_line.items() if 0 <= k - first < len(cues.lines)}
     if not names:
@@ -147,7 +149,7 @@ def _find_broad_lines(setting: Setting, attempt: Attempt) -> frozenset[int]:
     lines = [cues.lines[k] for k in names]
     seen_px = np.array([0.5 * (line.segment.start + line.segment.end) for line in lines])
     paint_px = predict_line_widths(camera.view.project, list(names.values()), seen_px, setting.template)
-    largest_px = BROADEST * blur_widths(paint_px, edges.blur_px)
+    largest_px = BROADEST * blur_widths(paint_px, fitted.edges.blur_px)
     is_broad = np.array([line.width_px for line in lines]) > largest_px
     return frozenset(k for k, broad in zip(names, is_broad.tolist(), strict=True) if broad)
 
@@ -184,8 +186,9 @@ def _measure_halfway(
     if line is None or all(seen.line != line.name for seen in observations.lines):
         return observations
     with setting.clock("cues"):
-        options = region, noise, setting.config.rays
-        found = measure_straight_markings(picture, camera.view, template, (line,), *options)
+        found = measure_straight_markings(
+            picture, camera.view, template, (line,), region=region, noise=noise, config=setting.config.rays
+        )
     if not found:
         return observations
     lines = (replace(found[0], ends=seen.ends) if seen.line == line.name else seen for seen in observations.lines)
@@ -202,12 +205,13 @@ def _may_show_faint_lines(setting: Setting, attempt: Attempt) -> bool:
 
 def add_faint_lines(setting: Setting, scene: Scene, attempt: Attempt) -> Iterator[Attempt]:
     """The attempt with straight markings that stand out only where an uncertain camera may put them."""
-    if attempt.fitted is None:
+    fitted = attempt.fitted
+    if fitted is None:
         return
-    mask, _, cues, _, camera, _ = attempt.fitted
+    mask, cues = fitted.mask, fitted.cues
     with setting.clock("cues"):
         picture = lighten_markings(scene.marked, mask, setting.circle)
-        seen = find_faint_lines(picture, camera, setting.template, setting.circle, mask.field_region)
+        seen = find_faint_lines(picture, fitted.camera, setting.template, mask.field_region)
         told = Cues(None, None, scene.clear_lines(seen))
         found = tuple(
             line
@@ -233,9 +237,10 @@ def may_show_short_lines(setting: Setting, attempt: Attempt) -> bool:
 
 def add_short_lines(setting: Setting, scene: Scene, attempt: Attempt) -> Iterator[Attempt]:
     """The attempt with short straight markings that run as an open camera shows the field there."""
-    if attempt.fitted is None:
+    fitted = attempt.fitted
+    if fitted is None:
         return
-    mask, edges, cues, _, camera, _ = attempt.fitted
+    mask, edges, cues, camera = fitted.mask, fitted.edges, fitted.cues, fitted.camera
     config = setting.config
     with setting.clock("cues"):
         picture = lighten_markings(scene.marked, mask, setting.circle)
@@ -254,12 +259,13 @@ def add_short_lines(setting: Setting, scene: Scene, attempt: Attempt) -> Iterato
 
 def _estimate_with(setting: Setting, attempt: Attempt, found: tuple[LineCue, ...]) -> Attempt:
     """The attempt with further lines that have no names yet."""
-    if attempt.fitted is None:
+    fitted = attempt.fitted
+    if fitted is None:
         return attempt
-    _, edges, cues, observations, _, _ = attempt.fitted
-    lines = (LinePoints(None, line.points_px, line.sigma_px, (), line.width_px, edges.blur_px) for line in found)
-    more = replace(observations, lines=(*observations.lines, *lines))
-    more_cues = replace(cues, lines=(*cues.lines, *found))
+    blur_px = fitted.edges.blur_px
+    lines = (LinePoints(None, line.points_px, line.sigma_px, (), line.width_px, blur_px) for line in found)
+    more = replace(fitted.observations, lines=(*fitted.observations.lines, *lines))
+    more_cues = replace(fitted.cues, lines=(*fitted.cues.lines, *found))
     return estimate(setting, replace(attempt, cues=more_cues, observations=more, verdict=None))
 
 

@@ -149,15 +149,6 @@ class CameraBatch:
         )
 
     @property
-    def homographies(self) -> Array:
-        """Field to pixels without lens (B, 3, 3), positive depth before the camera."""
-        columns = np.stack([self.rotation[:, :, 0], self.rotation[:, :, 1], self.shift], axis=-1)
-        focal = np.exp(self.log_focal)[:, None]
-        x = focal * columns[:, 0] + self.middle[0] * columns[:, 2]
-        y = focal * columns[:, 1] + self.middle[1] * columns[:, 2]
-        return np.stack([x, y, columns[:, 2]], axis=1)
-
-    @property
     def half_width(self) -> float:
         """Half the width of the picture, pixels."""
         return float(self.middle[0]) + 0.5

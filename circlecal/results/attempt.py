@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 from circlecal.field import FieldTemplate
 from circlecal.field.view import FieldView
@@ -16,7 +15,8 @@ from circlecal.results.seen import Cues, EdgePoints, EllipseFits, MarkingMask, R
 from circlecal.results.verdict import Status, Verdict
 
 
-class Fitted(NamedTuple):
+@dataclass(frozen=True, slots=True, eq=False)
+class Fitted:
     """What a picture's attempt holds once a camera was fitted to it: where looking at the picture again starts."""
 
     mask: MarkingMask
@@ -90,7 +90,14 @@ class Attempt(ShortRepr):
             return None
         if self.observations is None or self.camera is None or self.verdict is None:
             return None
-        return Fitted(self.mask, self.edges, self.cues, self.observations, self.camera, self.verdict)
+        return Fitted(
+            mask=self.mask,
+            edges=self.edges,
+            cues=self.cues,
+            observations=self.observations,
+            camera=self.camera,
+            verdict=self.verdict,
+        )
 
     @property
     def is_calibrated(self) -> bool:

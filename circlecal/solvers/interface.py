@@ -36,11 +36,6 @@ class SolverResult:
     code: str = "ok"
     reason: str = ""
 
-    @property
-    def solved(self) -> bool:
-        """Whether there is a homography."""
-        return self.H_image_field is not None
-
 
 @dataclass(frozen=True, slots=True)
 class IntrinsicsResult:
@@ -49,11 +44,6 @@ class IntrinsicsResult:
     intrinsics: Array | None
     code: str = "ok"
     reason: str = ""
-
-    @property
-    def solved(self) -> bool:
-        """Whether there is a calibration matrix."""
-        return self.intrinsics is not None
 
 
 class Solver(Protocol):

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.field import Circle, FieldTemplate
+from circlecal.field import FieldTemplate
 from circlecal.geometry.camera_parameters import INDEX, ProjectionModel, project
 from circlecal.geometry.projective import Array, fit_line, line_distance
 from circlecal.line_naming.marking_places import lie_on_surface
@@ -88,7 +88,6 @@ def find_faint_lines(
     picture: NDArray[np.uint8],
     fit: CameraFit,
     template: FieldTemplate,
-    circle: Circle,
     surface: NDArray[np.bool_] | None = None,
 ) -> tuple[LineCue, ...]:
     """Straight markings other than the halfway line, where their sum along a curve stands out.
@@ -101,8 +100,6 @@ def find_faint_lines(
         An uncertain camera.
     template : FieldTemplate
         The field.
-    circle : Circle
-        The circle that the camera was fitted to.
     surface : (h, w) bool, optional
         The playing surface in a reduced picture: where nothing stands out in all of the picture, it may there.
 

@@ -110,8 +110,9 @@ class Answer:
         camera, seen = self.found.attempt.camera, self.found.attempt.observations
         if camera is None or seen is None or not self.nameless:
             return {}
-        first = len(seen.lines) - len(self.nameless)
-        return {self.nameless[k - first]: name for k, name in camera.names_by_line.items() if k >= first}
+        given = (k for k, line in enumerate(seen.lines) if line.line is None)
+        numbers = zip(given, self.nameless, strict=True)
+        return {index: camera.names_by_line[k] for k, index in numbers if k in camera.names_by_line}
 
 
 def answer(annotation: Annotation, config: Config, *, nameless: bool, earlier: CameraFit | None = None) -> Answer:

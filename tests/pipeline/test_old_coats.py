@@ -20,9 +20,9 @@ def clean_coats(monkeypatch, first_noise, rounds, moved_px=9.0, rejected=Mapping
     def make_attempt(number, noise):
         circle = CirclePoints("centre_circle", "center", np.full((9, 2), number), np.ones(9))
         camera = SimpleNamespace(noise_scale=noise, view=number, rejected=rejected.get(number, ()))
-        fitted = (None, SimpleNamespace(noise=1.0), None, Observations(1280, 720, (circle,), ()), camera, None)
-        attempts[number] = Attempt(observations=fitted[3], camera=camera)
-        return fitted
+        seen, edges = Observations(1280, 720, (circle,), ()), SimpleNamespace(noise=1.0)
+        attempts[number] = Attempt(observations=seen, camera=camera)
+        return SimpleNamespace(mask=None, edges=edges, observations=seen, camera=camera)
 
     fits = {0.0: make_attempt(0.0, first_noise)}
     for k, (_, noises) in enumerate(rounds, start=1):

@@ -41,6 +41,16 @@ def test_wide_paint_is_measured_again_until_cameras_settle_or_leave_it(monkeypat
     assert last == made[-1:]
 
 
+def test_what_was_fitted_is_asked_by_name_where_all_of_it_was_reached():
+    """One more stage among these results moves no other."""
+    reached = {name: SimpleNamespace() for name in ("mask", "edges", "cues", "observations", "camera", "verdict")}
+    fitted = Attempt(**reached).fitted
+    assert all(getattr(fitted, name) is result for name, result in reached.items())
+    with pytest.raises(TypeError, match="unpack"):
+        _, *_ = fitted
+    assert all(Attempt(**(reached | {name: None})).fitted is None for name in reached)
+
+
 def test_lines_far_broader_than_their_paint_are_left_out(monkeypatch):
     """A kerb along the far touchline was named with it, 8 px wide where the paint would be one and the blur three."""
     nowhere, sure = np.zeros((9, 2)), np.ones(9)
@@ -57,7 +67,7 @@ def test_lines_far_broader_than_their_paint_are_left_out(monkeypatch):
         observations=Observations(1280, 720, (), tuple(seen)),
     )
     camera = SimpleNamespace(names_by_line={1: "side_line_top", 2: "side_line_top"}, view=SimpleNamespace(project=None))
-    fitted = (None, SimpleNamespace(blur_px=1.2), attempt.cues, attempt.observations, camera, None)
+    fitted = SimpleNamespace(edges=SimpleNamespace(blur_px=1.2), cues=attempt.cues, camera=camera)
     monkeypatch.setattr(Attempt, "fitted", property(lambda self: fitted))
     monkeypatch.setattr(refinements, "predict_line_widths", lambda *_: np.array([1.0, 1.0]))
     monkeypatch.setattr(refinements, "estimate", lambda setting, attempt: attempt)
@@ -83,7 +93,8 @@ def test_a_faint_line_that_is_yellow_or_was_measured_before_in_pieces_is_none(
     lines = ((), pieces) if are_apart else (pieces, ())
     attempt = Attempt(cues=Cues(cue(0, 9, 99.0, 9), None, *lines), observations=Observations(1280, 720, (), ()))
     mask = SimpleNamespace(field_region=None)
-    fitted = (mask, SimpleNamespace(blur_px=1.2), attempt.cues, attempt.observations, None, None)
+    edges, seen = SimpleNamespace(blur_px=1.2), attempt.observations
+    fitted = SimpleNamespace(mask=mask, edges=edges, cues=attempt.cues, observations=seen, camera=None)
     monkeypatch.setattr(Attempt, "fitted", property(lambda self: fitted))
     monkeypatch.setattr(refinements, "lighten_markings", lambda *_: None)
     monkeypatch.setattr(refinements, "find_faint_lines", lambda *_: (faint,))

@@ -115,6 +115,13 @@ def test_an_end_zone_is_calibrated_without_centre_circle_and_halfway_line(camera
         assert run(picture.image, named, frame_id="rink").status == "refused"
 
 
+def homography_of(cameras, k):
+    """Field to pixels (3, 3) without lens of one camera of a batch."""
+    focal = np.exp(cameras.log_focal[k])
+    intrinsics = np.array([[focal, 0.0, cameras.middle[0]], [0.0, focal, cameras.middle[1]], [0.0, 0.0, 1.0]])
+    return intrinsics @ np.column_stack([cameras.rotation[k][:, :2], cameras.shift[k]])
+
+
 def test_every_first_camera_sees_its_circle_where_the_picture_does():
     circle = RINK.circle_by_name["faceoff_left_top"]
     conic = transform_conic(LEFT_CIRCLE.homography, circle_conic(circle.center, RINK.radius(circle, "center")))
@@ -124,7 +131,7 @@ def test_every_first_camera_sees_its_circle_where_the_picture_does():
     for k in range(0, len(cameras.own), 97):
         own = RINK.circles[cameras.own[k]]
         rim = np.asarray(own.center) + RINK.radius(own, "center") * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-        seen = np.c_[rim, np.ones(len(rim))] @ cameras.homographies[k].T
+        seen = np.c_[rim, np.ones(len(rim))] @ homography_of(cameras, k).T
         assert np.abs(sampson_distance(conic, seen[:, :2] / seen[:, 2:])).max() < 1e-6
         stands = -cameras.rotation[k].T @ cameras.shift[k]
         assert stands[1] >= 0
@@ -259,7 +266,7 @@ def test_cameras_before_a_field_of_other_sizes_see_its_circle_where_the_picture_
         assert other.circles[suited.own[k]].name == RINK.circles[cameras.own[k]].name
         own = other.circles[suited.own[k]]
         rim = np.asarray(own.center) + other.radius(own, "center") * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-        seen = np.c_[rim, np.ones(len(rim))] @ suited.homographies[k].T
+        seen = np.c_[rim, np.ones(len(rim))] @ homography_of(suited, k).T
         assert np.abs(sampson_distance(conic, seen[:, :2] / seen[:, 2:])).max() < 1e-6
 
 

@@ -43,7 +43,7 @@ def stated(seen, sigma):
 
 
 def error_px(result, camera, template):
-    assert result.solved, result
+    assert result.H_image_field is not None, result
     grid = reprojection_grid(
         camera.homography, camera.width, camera.height, template.length_m / 2, template.width_m / 2
     )

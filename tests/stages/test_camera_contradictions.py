@@ -126,6 +126,23 @@ def test_lines_of_a_broadcast_view_get_their_names():
     assert departure(fit, BROADCAST, 6.0, far) < 6.0
 
 
+@pytest.mark.parametrize("slope", [0.0, 0.4])
+def test_beside_a_line_under_a_wrong_name_every_line_gets_its_own(slope):
+    """The line that is left out, far off or only bending the camera, keeps its number, and so do those behind it."""
+    given = with_nameless(BROADCAST, PENALTY_AREA)
+    x = np.linspace(300.0, 1500.0, 60)
+    stray = LinePoints("side_line_bottom", np.stack([x, 700.0 + slope * (x - 900.0)], axis=-1), np.full(60, 0.3))
+    halfway, *others = given.lines
+    given = replace(given, lines=(halfway, stray, *others))
+    fit = estimate_camera(given, SOCCER, CIRCLE, NAMING)
+    assert MarkingKey("side_line_bottom") in fit.rejected
+    assert fit.names_by_line == dict(enumerate(PENALTY_AREA, 2))
+    again = estimate_camera(given, SOCCER, CIRCLE, NAMING, earlier=fit)
+    assert len(again.names_by_line) >= 3
+    assert again.names_by_line.items() <= fit.names_by_line.items()
+    assert {MarkingKey(name) for name in again.named_lines}.isdisjoint(again.rejected)
+
+
 def test_a_line_that_is_none_of_the_template_stays_without_a_name():
     """A board, a mowing edge or a shadow aslant over the field."""
     ends = BROADCAST.project(np.array([[-30.0, -18.0], [-12.0, 12.0]]))

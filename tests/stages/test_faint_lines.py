@@ -40,7 +40,7 @@ def picture(contrast=0.0, step=0.0, noise=6.0):
 
 
 def test_a_touchline_that_single_places_do_not_show():
-    (found,) = find_faint_lines(picture(contrast=5.0), fit_of(), SOCCER, CIRCLE)
+    (found,) = find_faint_lines(picture(contrast=5.0), fit_of(), SOCCER)
     assert found.name is None
     truth = TRUE.project(FAR_TOUCHLINE)
     off = found.points_px[:, 1] - np.interp(found.points_px[:, 0], truth[:, 0], truth[:, 1])
@@ -54,14 +54,14 @@ def test_a_touchline_that_single_places_do_not_show():
 
 @pytest.mark.parametrize("shown", [{}, {"step": 12.0}])
 def test_noise_and_the_border_between_two_surfaces_are_no_marking(shown):
-    assert find_faint_lines(picture(**shown), fit_of(), SOCCER, CIRCLE) == ()
+    assert find_faint_lines(picture(**shown), fit_of(), SOCCER) == ()
 
 
 def test_two_lines_that_may_each_be_the_one_say_nothing():
     upper, lower = picture(contrast=5.0), picture(contrast=5.0)
     twice = lower.copy()
     twice[:255] = upper[24:279]  # the same line 24 px higher, on a surface of its own
-    assert find_faint_lines(twice, fit_of(), SOCCER, CIRCLE) == ()
+    assert find_faint_lines(twice, fit_of(), SOCCER) == ()
 
 
 def test_a_touchline_before_a_crowd_stands_out_of_the_surface():
@@ -71,8 +71,8 @@ def test_a_touchline_before_a_crowd_stands_out_of_the_surface():
     rows = np.arange(TRUE.height)[:, None] - border
     crowd = np.where(rows % 24 < 3, 220, 90).astype(np.uint8)
     shown = np.where(rows < 0, crowd, shown)
-    assert find_faint_lines(shown, fit_of(), SOCCER, CIRCLE) == ()
-    (found,) = find_faint_lines(shown, fit_of(), SOCCER, CIRCLE, surface=(rows >= 0)[::2, ::2])
+    assert find_faint_lines(shown, fit_of(), SOCCER) == ()
+    (found,) = find_faint_lines(shown, fit_of(), SOCCER, surface=(rows >= 0)[::2, ::2])
     truth = TRUE.project(FAR_TOUCHLINE)
     off = found.points_px[:, 1] - np.interp(found.points_px[:, 0], truth[:, 0], truth[:, 1])
     assert abs(off.mean()) < 0.5
