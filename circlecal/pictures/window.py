@@ -19,10 +19,11 @@ LEAST_BARS = 0.015
 """Bars that are narrower on both sides, as a share of the picture's size, are the padding of a codec."""
 LEAST_WINDOW = 0.3
 """Share of the picture's width and height that a window has at least: a smaller one shows too little of a field."""
-INSIDE_PX, UNLIKE_SHARE = 20, 0.7
-"""Rows behind the window's border, where a frame about it and the blocks that compression smears end, and share of
-such a row that has another colour than the bar: the rim of a stand before a sky without detail is not so straight.
-Of 192 pictures with bars of four kinds, half of them compressed, 191 show their window, of 58 real ones none does.
+INSIDE_PX, UNLIKE_LEVELS, STEP_SHARE = 20, 10.0, 0.5
+"""Rows behind a bar's end within which the window begins, since blocks that compression smears lie between; levels by
+which it is unlike the bar; and share of the pixels of a row that become so from one row to the next but one: the roof
+of a stand against a dark sky, which the lens bends, does so over 15 rows. Of 192 pictures with bars of four kinds, two
+thirds of them compressed, 190 show their window, of 58 real pictures none does.
 """
 
 
@@ -69,23 +70,21 @@ def _is_flat(rows: NDArray[np.uint8], colour: NDArray[np.float64]) -> Mask:
     return np.asarray(_has_colour(rows, colour).mean(axis=1) >= FLAT_SHARE, np.bool_)
 
 
-def _has_colour(rows: NDArray[np.uint8], colour: NDArray[np.float64]) -> Mask:
-    return np.asarray(cv2.inRange(np.ascontiguousarray(rows), colour - FLAT_LEVELS, colour + FLAT_LEVELS)) > 0
+def _has_colour(rows: NDArray[np.uint8], colour: NDArray[np.float64], levels: float = FLAT_LEVELS) -> Mask:
+    return np.asarray(cv2.inRange(np.ascontiguousarray(rows), colour - levels, colour + levels)) > 0
 
 
 def _is_drawn(image: NDArray[np.uint8], top: int, bottom: int, left: int, right: int) -> bool:
-    """Whether the picture begins all along each of the window's borders that lie within it, right behind them."""
+    """Whether the picture begins all at once at each of the window's borders that lie within it."""
     height, width = image.shape[:2]
-    rows, columns = slice(top, bottom), slice(left, right)
-    high, wide = (min(INSIDE_PX, size // 2) for size in (bottom - top, right - left))
-    borders = (
-        (top > 0, image[top + high, columns], image[0, columns]),
-        (bottom < height, image[bottom - 1 - high, columns], image[-1, columns]),
-        (left > 0, image[rows, left + wide], image[rows, 0]),
-        (right < width, image[rows, right - 1 - wide], image[rows, -1]),
-    )
-    return all(
-        not _has_colour(inside[None], np.median(bar, axis=0)).mean() > 1.0 - UNLIKE_SHARE
-        for is_asked, inside, bar in borders
-        if is_asked
-    )
+    upright = image[:, left:right]
+    level = np.ascontiguousarray(image[top:bottom].transpose(1, 0, 2))
+    bars = ((upright, top), (upright[::-1], height - bottom), (level, left), (level[::-1], width - right))
+    return all(_has_step(rows, size) for rows, size in bars if size > 0)
+
+
+def _has_step(rows: NDArray[np.uint8], size: int) -> bool:
+    """Whether rows (H, W, 3) that begin with a bar of this many differ from it all at once right behind it."""
+    behind = rows[max(size - 2, 0) : size + INSIDE_PX]
+    unlike = 1.0 - _has_colour(behind, np.median(rows[0], axis=0), UNLIKE_LEVELS).mean(axis=1)
+    return bool((unlike[2:] - unlike[:-2]).max(initial=0.0) >= STEP_SHARE)

@@ -32,7 +32,8 @@ def noise(height, width):
 @pytest.mark.parametrize("colour", [(0, 0, 0), (120, 60, 20)])
 def test_bars_and_walls_are_found_through_compression(bars, window, colour):
     top, bottom, left, right = bars
-    picture = cv2.copyMakeBorder(noise(360, 640), top, bottom, left, right, cv2.BORDER_CONSTANT, value=colour)
+    seen = cv2.GaussianBlur(noise(360, 640), (0, 0), 2.0)
+    picture = cv2.copyMakeBorder(seen, top, bottom, left, right, cv2.BORDER_CONSTANT, value=colour)
     assert find_window(picture) == window
     stored = cv2.imdecode(cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 75])[1], cv2.IMREAD_COLOR)
     found = find_window(stored)
@@ -52,6 +53,10 @@ def test_pictures_without_bars_have_no_window():
     for column in range(640):  # a roof before a white sky
         sky[: 60 + column // 8, column] = 255
     assert find_window(sky) is None
+    roof = cv2.copyMakeBorder(noise(340, 640), 20, 0, 0, 0, cv2.BORDER_CONSTANT, value=(24, 24, 24))
+    for column in range(640):  # bent by the lens
+        roof[: 20 + round(15 * (1.0 - (column / 320 - 1.0) ** 2)), column] = 24
+    assert find_window(roof) is None
     small = np.zeros((360, 640, 3), np.uint8)
     small[100:180, 100:240] = picture[:80, :140]
     assert find_window(small) is None
