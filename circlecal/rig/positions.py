@@ -41,7 +41,7 @@ def group_positions(
     (N,) int array
         Number of the group; -1 for none.
     (N,) bool array
-        Whether the position has to be turned to agree with its group.
+        Whether the position has to be turned to agree with most of its group.
     """
     groups = np.full(len(positions), -1)
     turned = np.zeros(len(positions), dtype=bool)
@@ -64,7 +64,10 @@ def group_positions(
     sizes = np.bincount(best[found], minlength=len(centers))
     order = [k for k in np.argsort(-sizes, kind="stable") if sizes[k] >= least_members]
     for number, k in enumerate(order):
-        groups[found & (best == k)] = number
+        own = found & (best == k)
+        groups[own] = number
+        if 2 * np.count_nonzero(turned[own]) > sizes[k]:  # the seed was one of few that see the field turned
+            turned[own] = ~turned[own]
     return groups, turned & (groups >= 0)
 
 

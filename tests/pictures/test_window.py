@@ -81,7 +81,9 @@ def test_priors_are_those_of_the_window():
     )
     assert within.sd[KAPPA_1] == pytest.approx(grown * alone.sd[KAPPA_1])
     logs = np.log([900.0, 2000.0, 9000.0])
-    assert zoom_lens(config, 1680).kappa(logs) == pytest.approx(grown * zoom_lens(CameraConfig(), 1280).kappa(logs))
+    assert zoom_lens(config, (1680, 720)).kappa(logs) == pytest.approx(
+        grown * zoom_lens(CameraConfig(), (1280, 720)).kappa(logs)
+    )
 
 
 @pytest.mark.parametrize("place", [(0, 0, 0, 400), (0, 300, 40, 600)])

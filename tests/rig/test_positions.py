@@ -1,6 +1,7 @@
 """Frames of one camera by where their cameras stand."""
 
 import numpy as np
+import pytest
 
 from circlecal.rig.positions import _find_largest_group, group_positions
 
@@ -64,3 +65,13 @@ def test_what_a_turned_position_says_is_turned_with_it():
     )
     assert agree.all()
     np.testing.assert_allclose(fused, covariance / 2.0, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("surest", [0, 3])
+def test_most_of_a_group_are_not_turned(surest):
+    """Also where the surest of them sees the field turned: it founds the group, and a tripod has the others' frames."""
+    positions = np.array([[-117.3, 1.1, -38.8], [-117.2, 1.2, -39.0], [-117.4, 1.1, -39.0], [117.3, -1.2, -39.0]])
+    covariances = np.array([(0.5 if k == surest else 1.0) * np.eye(3) for k in range(4)])
+    groups, turned = group_positions(positions, covariances, 2)
+    assert (groups == 0).all()
+    assert turned.tolist() == [False, False, False, True]
