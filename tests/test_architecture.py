@@ -458,3 +458,9 @@ def test_package_imports_without_its_heavy_dependencies():
     code = "import sys, circlecal; print(sorted({'cv2', 'skimage', 'scipy', 'pydantic', 'numpy'} & set(sys.modules)))"
     answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True)
     assert answer.stdout.strip() == "[]"
+
+
+def test_lengths_in_pictures_refer_to_one_width():
+    """Pixels at 1920 px width; what is 1280 px wide elsewhere is a size, and divides nothing."""
+    other = re.compile(r"PX1280|px1280|/ ?1280\b")
+    assert [path.name for path in FILES if other.search(path.read_text(encoding="utf-8"))] == []
