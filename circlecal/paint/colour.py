@@ -38,12 +38,12 @@ behind the foot of a board or the border of a track is wider than that.
 _WIDE_PX = 21.0
 """Width, pixels at 1920 px width, up to which a straight run may be paint: its surface is looked at beside thin paint
 and beside paint of this width. None of 182 runs on markings in real frames, 24 rendered pitches and 12 rendered halls
-is kept by the second look alone: it is for wider paint than theirs.
+is kept by the second look alone.
 """
 _ALIKE = 0.06
 """Largest difference between both sides of a straight run in one colour's share of blue, green and red. On markings of
 rendered frames 29 runs have 0.010 at most. In real ones 102 have 0.03 in the median, and 28 % of them more than this;
-so have 8 % of 192 runs in real frames and 14 % of 70 in rendered ones that are no markings: most of those lie on grass.
+so have 8 % of 192 runs in real frames and 14 % of 70 in rendered ones that are no markings.
 """
 _ONE_PAINT = 0.9
 """Least cosine between the colours that two markings in one paint add to their surfaces. Of runs on markings 68 in
