@@ -509,3 +509,9 @@ def test_what_docstrings_refer_to_exists(package):
         module = import_module(_dotted(file)) if names and _can_be_imported(file) else None
         wrong += [f"{_name(file)}: {n}" for n in sorted(names) if module and not _resolves(n, module)]
     assert not wrong, "\n".join(wrong)
+
+
+def test_lengths_in_pictures_refer_to_one_width():
+    """Pixels at 1920 px width; what is 1280 px wide elsewhere is a size, and divides nothing."""
+    other = re.compile(r"PX1280|px1280|/ ?1280\b")
+    assert [path.name for path in FILES if other.search(path.read_text(encoding="utf-8"))] == []

@@ -17,6 +17,7 @@ from circlecal.paint.colour import (
     measure_added_colour,
     measure_added_colours,
 )
+from circlecal.paint.lines import LEAST_UNIT
 from circlecal.results import Cues, EllipseFits, LineCue, Segment
 
 __all__ = ["are_painted_otherwise", "leave_out_other_paints", "leave_out_yellow_lines"]
@@ -41,10 +42,11 @@ ONE_GROUND = 0.5
 rendered pitches ten yellow lines have up to 0.12; the far edge of the grass before a dark strip, yellowish as it is,
 has 1.7.
 """
-HALO_PX, BESIDE_PX, HALO_SHARE = 4, 8, 1.0 / 3.0
-"""A sharpened picture has a dark halo beside a light line: within the first so many pixels at 1280 px width lies paint
-of the opposite sign, and the halo has at most this share of its contrast. Beyond the second the surface lies bare. In a
-rendered hall the halo of a white line has 0.10 of it; a black line and a white one side by side have about 0.9.
+OWN_PX, HALO_PX, BESIDE_PX, HALO_SHARE = 1.5, 6.0, 12.0, 1.0 / 3.0
+"""A sharpened picture has a dark halo beside a light line: the line itself reaches so far to both sides of its middle,
+within the second distance lies paint of the opposite sign, and the halo has at most this share of its contrast. Up to
+the third the surface lies bare; pixels at 1920 px width, looked at in steps of the first. In a rendered hall the halo
+of a white line has 0.10 of it; a black line and a white one side by side have about 0.9.
 """
 
 
@@ -157,13 +159,13 @@ def _is_halo(image: NDArray[np.uint8], line: LineCue, colour: Array) -> bool:
     """Whether a line that looks like paint of a colour (3,) is what sharpening left beside paint of the opposite sign:
     by the picture across the line, the median over its points, along that colour.
     """
-    scale = max(1.0, image.shape[1] / 1280.0)
-    away_px = np.arange(-BESIDE_PX, BESIDE_PX + 1)
-    places = line.points_px[:, None] + scale * away_px[:, None] * _normal_of(line)
+    unit = max(LEAST_UNIT, image.shape[1] / 1920.0)
+    away_px = np.arange(-BESIDE_PX, BESIDE_PX + 0.5 * OWN_PX, OWN_PX)
+    places = line.points_px[:, None] + unit * away_px[:, None] * _normal_of(line)
     profile = np.median(colours_at(image, places) @ (colour / max(float(np.linalg.norm(colour)), 1e-9)), axis=0)
     profile -= np.median(profile)
     own, opposite = (
-        float(values[np.abs(away_px) <= reach].max()) for values, reach in ((profile, 1), (-profile, HALO_PX))
+        float(values[np.abs(away_px) <= reach].max()) for values, reach in ((profile, OWN_PX), (-profile, HALO_PX))
     )
     return own < HALO_SHARE * opposite
 
