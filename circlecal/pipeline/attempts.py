@@ -326,7 +326,7 @@ def look_again(setting: Setting, scene: Scene, attempt: Attempt) -> Attempt:
         attempt = replace(attempt, verdict=verdict)
         if verdict.status == "refused":
             return attempt
-    return replace(attempt, verdict=confirm(verdict, camera, fitted.cues, expected))
+    return replace(attempt, verdict=confirm(verdict, camera, fitted.cues, expected, evidence))
 
 
 def _find_other_paints(
