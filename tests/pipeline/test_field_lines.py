@@ -120,7 +120,9 @@ def test_a_camera_that_misses_a_circle_in_plain_view_is_no_answer(monkeypatch):
         ),
         clock=lambda stage: nullcontext(),
     )
-    scene = SimpleNamespace(marked=np.zeros((9, 9), np.uint8), covered=None, image=np.zeros((9, 9, 3), np.uint8))
+    scene = SimpleNamespace(
+        marked=np.zeros((9, 9), np.uint8), covered=None, unseen=None, image=np.zeros((9, 9, 3), np.uint8)
+    )
     for name in ("lighten_markings", "estimate_noise", "look_for_markings", "measure_evidence", "measure_surroundings"):
         monkeypatch.setattr(field_lines, name, lambda *given: None)
     monkeypatch.setattr(field_lines, "carriers", lambda seen, camera: frozenset())

@@ -69,7 +69,7 @@ def test_other_markings_are_looked_for_where_painters_errors_leave_them(without,
     attempt = replace(before, mask=MarkingMask(nothing, "file"), edges=edges)
     single = replace(setting, template=setting.template.model_copy(update={"circles": (setting.circle,)}))
     for given in (single, setting):
-        scene = SimpleNamespace(marked=nothing, relief=None, covered=None, gray=nothing, image=nothing)
+        scene = SimpleNamespace(marked=nothing, relief=None, covered=None, unseen=None, gray=nothing, image=nothing)
         attempts.look_again(given, scene, attempt)
     fit, plain = looked
     assert plain is before.camera
