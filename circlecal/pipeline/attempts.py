@@ -306,7 +306,7 @@ def look_again(setting: Setting, scene: Scene, attempt: Attempt) -> Attempt:
         attempt = replace(attempt, verdict=verdict)
         if verdict.status == "refused":
             return attempt
-    return replace(attempt, verdict=confirm(verdict, camera, cues, expected))
+    return replace(attempt, verdict=confirm(verdict, camera, cues, expected, evidence))
 
 
 def _find_other_paints(

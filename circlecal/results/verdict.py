@@ -78,7 +78,7 @@ class Evidence:
     oblique_widths, alone_widths : float
         Length of lines like the carriers' paint that lie surely on the field, where no marking is, picture widths: of
         those that run along neither axis of the field, and of one that runs along an axis where it is the only one.
-        Several that do are the field of another sport.
+        Several that do may be the field of another sport.
     painted_share : float
         Share of the carriers that is painted where they must be in view.
     bare_widths : float
@@ -89,6 +89,9 @@ class Evidence:
     reversal : float
         By how much (half a chi-square) the width of the paint is better explained by a camera that has near and far
         exchanged; far below zero where the paint confirms the camera.
+    parallel_widths : float
+        Length of all such lines that run along an axis of the field, picture widths; far lines, which blur makes
+        fainter, are among them.
     """
 
     oblique_widths: float
@@ -97,6 +100,7 @@ class Evidence:
     bare_widths: float
     worn_widths: float
     reversal: float
+    parallel_widths: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -66,6 +66,8 @@ and 0.43 picture widths of old coats in a rendered frame refused a camera that i
 """
 SHARP_PX = 2.0
 """Least width at which paint is seen, pixels at 1920 px width."""
+THINNEST_SHARE = 0.1
+"""Least width of paint, in widths at which paint is seen, of which the contrast without blur is told."""
 OBLIQUE_DEG = 4.0
 """Angle to both axes of the field, degrees, from which on paint is no line of another sport: those run along the
 field's own.
@@ -139,13 +141,21 @@ def measure_evidence(
         & lie_on_surface(places.base, mask.field_region, fit.model.width, fit.model.height)
     )
     painted = _measure_paint(picture, own, fit, template)
-    oblique, alone = _measure_other_paint(picture, mask, fit, template, places, painted, find_other_paints)
+    other = _measure_other_paint(picture, mask, fit, template, places, own, painted, find_other_paints)
     reversal = 0.0 if painted is None else _reversal(painted, own, fit, template)
     share = 1.0 if len(own.element) < FEWEST_PLACES else 0.0 if painted is None else float(painted.supported.mean())
     bare, worn = 0.0, 0.0
     if painted is not None:
         bare, worn = _measure_bare_ends(picture, painted, own, fit, template)
-    return Evidence(oblique, alone, share, bare / fit.model.width, worn / fit.model.width, reversal)
+    return Evidence(
+        oblique_widths=other.oblique,
+        alone_widths=other.alone,
+        painted_share=share,
+        bare_widths=bare / fit.model.width,
+        worn_widths=worn / fit.model.width,
+        reversal=reversal,
+        parallel_widths=other.parallel,
+    )
 
 
 def _measure_paint(
@@ -285,21 +295,31 @@ def _misfit(predicted: Array, blur: Array, measured: Array) -> float:
     return float((np.sqrt(1.0 + off**2) - 1.0).sum())
 
 
+@dataclass(frozen=True, slots=True)
+class _OtherPaint:
+    """Length of lines on the field that are none of its markings, picture widths: oblique to its axes, of one along an
+    axis that is the only one, and of all along an axis whose paint is as light as the carriers' would be there.
+    """
+
+    oblique: float = 0.0
+    alone: float = 0.0
+    parallel: float = 0.0
+
+
 def _measure_other_paint(
     picture: NDArray[np.uint8],
     mask: MarkingMask,
     fit: CameraFit,
     template: FieldTemplate,
     places: MarkingPlaces,
+    own: MarkingPlaces,
     painted: MeasuredCurve | None,
     find_other_paints: FindOtherPaints | None,
-) -> tuple[float, float]:
-    """Length of oblique lines on the field that are none of its markings, and of one along an axis that is the only
-    one, picture widths.
-    """
+) -> _OtherPaint:
+    """What is painted on the field that is none of its markings, beside the carriers' paint at their own places."""
     segments = [segment for segment in (*mask.lines, mask.halfway) if segment is not None]
     if painted is None or not segments:
-        return 0.0, 0.0
+        return _OtherPaint()
     width, height = fit.model.width, fit.model.height
     unit = width / 1920.0
     ends = np.array([(segment.start, segment.end) for segment in segments])
@@ -312,7 +332,7 @@ def _measure_other_paint(
         others = find_other_paints([mask.lines[k] for k in asked.tolist()])
         bare &= ~np.isin(cells.which, asked[others])
     if not bare.any():
-        return 0.0, 0.0
+        return _OtherPaint()
     points, along, which = cells.points[bare], cells.along[cells.which[bare]], cells.which[bare]
     normals = np.stack([-along[:, 1], along[:, 0]], axis=-1)
     field_m = fit.view.to_field(points)
@@ -320,17 +340,43 @@ def _measure_other_paint(
     reach = REACH_PX * unit + LEAST_REACH_PX + PAINT_WIDTHS[1] * expected
     seen = measure_curve(picture, points, normals, reach, _number_pieces(which))
     ratio = seen.width / np.hypot(expected, SHARP_PX * unit)
-    contrast = seen.contrast / np.median(painted.contrast[painted.supported])
-    paint = seen.supported & (contrast > CONTRASTS[0]) & (contrast < CONTRASTS[1])
-    paint &= (ratio > PAINT_WIDTHS[0]) & (ratio < PAINT_WIDTHS[1])
-    paint &= ~_are_old_coats(field_m, angle, template)
-    oblique = paint & (np.abs(np.sin(2.0 * angle)) > np.sin(np.radians(2.0 * OBLIQUE_DEG)))
+    like = seen.supported & (ratio > PAINT_WIDTHS[0]) & (ratio < PAINT_WIDTHS[1])
+    like &= ~_are_old_coats(field_m, angle, template)
+    is_oblique = np.abs(np.sin(2.0 * angle)) > np.sin(np.radians(2.0 * OBLIQUE_DEG))
+    carried = painted.supported
+    paint = like & _are_as_light(seen.contrast, painted.contrast[carried])
+    sharp_px = SHARP_PX * unit
+    light = _sharpen(seen.contrast, expected, sharp_px)
+    carried_light = _sharpen(painted.contrast, _paint_px(own, template), sharp_px)[carried]
+    thin = like & _are_as_light(light, carried_light)
     step = cells.step[which]
-    along_axis = paint & ~oblique
-    lines = _number_lines(field_m[along_axis], angle[along_axis], which[along_axis])
-    parallel = np.bincount(lines, step[along_axis], minlength=1) / width
-    is_alone = np.count_nonzero(parallel > SHORTEST_WIDTHS) == 1
-    return float(step[oblique].sum()) / width, float(parallel.max()) if is_alone else 0.0
+
+    def measure_lines(kept: Mask) -> Array:
+        """Length of each line along an axis that is long enough, pixels."""
+        lines = _number_lines(field_m[kept], angle[kept], which[kept])
+        length = np.bincount(lines, step[kept], minlength=1)
+        return np.asarray(length[length > SHORTEST_WIDTHS * width])
+
+    alone, parallel = (measure_lines(kept & ~is_oblique) for kept in (paint, thin))
+    return _OtherPaint(
+        float(step[paint & is_oblique].sum()) / width,
+        float(alone[0]) / width if len(alone) == 1 else 0.0,
+        float(parallel.sum()) / width,
+    )
+
+
+def _are_as_light(contrast: Array, carried: Array) -> Mask:
+    """Which of some paint (N,) is about as light as that of the carriers (M,), whose middle value counts."""
+    share = contrast / np.median(carried)
+    return np.asarray((share > CONTRASTS[0]) & (share < CONTRASTS[1]), np.bool_)
+
+
+def _sharpen(contrast: Array, width_px: Array, blur_px: float) -> Array:
+    """Contrast (N,) that paint of this width (N,), pixels, would have without the picture's blur: what is far away is
+    thinner than that, and as much fainter.
+    """
+    thin = np.maximum(width_px, THINNEST_SHARE * blur_px)
+    return np.asarray(contrast * np.hypot(thin, blur_px) / thin)
 
 
 def _number_lines(field_m: Array, angle: Array, which: NDArray[np.int_]) -> NDArray[np.int_]:

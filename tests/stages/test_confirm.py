@@ -14,7 +14,7 @@ from circlecal.geometry.surface import Surface
 from circlecal.line_naming.marking_places import place_markings
 from circlecal.paint.matched_filter import CLEAR, SECTORS
 from circlecal.paint.profiles import to_gray
-from circlecal.results import Agreement, Attempt, Check, Cues, MarkCue
+from circlecal.results import Agreement, Attempt, Check, Cues, Evidence, MarkCue
 from circlecal.stages.confirm import (
     LEAST_EDGED,
     are_others_painted,
@@ -107,14 +107,37 @@ def test_the_verdict_refuses_where_nothing_else_of_the_field_is_found():
 def test_the_more_confirms_a_circle_the_more_must_be_missing():
     camera, accepted = camera_fit(), verdict(camera_fit())
     marked = Cues(None, MarkCue("centre_mark", np.zeros(2), 0.5, 30.0))
-    missing = Agreement(("a",), np.array([0.3 * camera.camera.width]), np.array([0.0]))
+    missing = Agreement(("a",), np.array([0.3 * camera.camera.width]), np.array([0.0]), certain=False)
     assert confirm(accepted, camera, marked, missing) is accepted
     named = camera_fit(named_lines=("blue_line_left", "blue_line_right"))
     assert believed(accepted, named, Cues(None, None))
     # lines may be named of a field of another size, the mark of none
     assert confirm(accepted, named, Cues(None, None), missing).code == "markings_missing"
     assert confirm(accepted, named, marked, missing) is accepted
+    # of places that are known well all must be bare
+    assert confirm(accepted, named, marked, replace(missing, certain=True)).code == "markings_missing"
+    found = replace(missing, share=np.array([0.02]), certain=True)
+    assert confirm(accepted, named, marked, found).status == "calibrated"
+    assert confirm(accepted, camera, marked, found).status == "calibrated"
+    much = replace(found, length_px=2.0 * found.length_px)
+    assert confirm(accepted, camera, marked, much).code == "markings_missing"
     assert confirm(accepted, camera, Cues(None, None), Agreement((), np.zeros(0), np.zeros(0))) is accepted
+
+
+def test_paint_that_no_marking_explains_asks_for_markings_whatever_confirms_the_circle():
+    camera = camera_fit(named_lines=("side_line_top",))
+    accepted = verdict(camera)
+    marked = Cues(None, MarkCue("centre_mark", np.zeros(2), 0.5, 30.0))
+    few = Agreement(("a",), np.array([0.5 * camera.camera.width]), np.array([0.09]))
+    lines = Evidence(0.0, 0.0, 1.0, 0.0, 0.0, 0.0, parallel_widths=0.11)
+    assert confirm(accepted, camera, marked, few, lines).code == "markings_missing"
+    assert confirm(accepted, camera, marked, few, replace(lines, parallel_widths=0.05)).status == "calibrated"
+    # places that are not well known may lie beside their markings
+    open_few = replace(few, certain=False)
+    assert confirm(accepted, camera, marked, open_few, lines).status == "calibrated"
+    # lines of another sport beside markings that are found say nothing
+    found = replace(few, share=np.array([0.7]))
+    assert confirm(accepted, camera, marked, found, replace(lines, parallel_widths=3.0)).status == "calibrated"
 
 
 def test_where_the_places_are_not_well_known_markings_are_looked_for_around_them():

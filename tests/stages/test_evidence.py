@@ -53,6 +53,8 @@ def mask_of(further=(), region=None):
     return MarkingMask(drawn, "detector", lines=tuple(Segment(*pair) for pair in ends), field_region=region)
 
 
+FAR_CONTRAST = 0.45
+"""Contrast of a far line, over that of a sharp picture."""
 NO_PAINT = Evidence(0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 NO_GROUND = Surroundings(0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -94,8 +96,19 @@ def test_one_line_along_the_field_is_told_from_the_field_of_another_sport():
     two = measure_evidence(paint((ALONG, other)), mask_of((ALONG, other)), camera, SOCCER, CARRIERS)
     assert one.alone_widths > 0.3 and two.alone_widths == 0.0
     assert one.oblique_widths == two.oblique_widths == 0.0
+    assert one.parallel_widths == pytest.approx(one.alone_widths, rel=0.1)
+    assert two.parallel_widths > 1.8 * one.parallel_widths
     assert weigh(one, camera).status == "calibrated"
     assert weigh(one, replace(camera, named_lines=())).code == "paint_unexplained"
+
+
+def test_a_far_line_is_as_much_fainter_as_blur_makes_thin_paint():
+    """As of a smaller pitch's penalty area."""
+    far = ((-14.0, -26.0), (14.0, -26.0))
+    bare, whole, camera = paint(), paint((far,)), fit_of(CAMERA)
+    picture = cv2.addWeighted(bare, 1.0 - FAR_CONTRAST, whole, FAR_CONTRAST, 0.0)
+    found = measure_evidence(picture, mask_of((far,)), camera, SOCCER, CARRIERS)
+    assert found.alone_widths == 0.0 and found.parallel_widths > 0.3
 
 
 def test_a_line_along_the_field_that_is_measured_in_pieces_is_one_line():
