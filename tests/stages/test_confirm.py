@@ -118,6 +118,9 @@ def test_the_more_confirms_a_circle_the_more_must_be_missing():
     assert confirm(accepted, named, marked, replace(missing, certain=True)).code == "markings_missing"
     found = replace(missing, share=np.array([0.02]), certain=True)
     assert confirm(accepted, named, marked, found).status == "calibrated"
+    assert confirm(accepted, camera, marked, found).status == "calibrated"
+    much = replace(found, length_px=2.0 * found.length_px)
+    assert confirm(accepted, camera, marked, much).code == "markings_missing"
     assert confirm(accepted, camera, Cues(None, None), Agreement((), np.zeros(0), np.zeros(0))) is accepted
 
 
@@ -129,6 +132,9 @@ def test_paint_that_no_marking_explains_asks_for_markings_whatever_confirms_the_
     lines = Evidence(0.0, 0.0, 1.0, 0.0, 0.0, 0.0, parallel_widths=0.11)
     assert confirm(accepted, camera, marked, few, lines).code == "markings_missing"
     assert confirm(accepted, camera, marked, few, replace(lines, parallel_widths=0.05)).status == "calibrated"
+    # places that are not well known may lie beside their markings
+    open_few = replace(few, certain=False)
+    assert confirm(accepted, camera, marked, open_few, lines).status == "calibrated"
     # lines of another sport beside markings that are found say nothing
     found = replace(few, share=np.array([0.7]))
     assert confirm(accepted, camera, marked, found, replace(lines, parallel_widths=3.0)).status == "calibrated"
