@@ -6,6 +6,7 @@ that lead in a circle) is one line that names it, never a hang and never more me
 
 from __future__ import annotations
 
+import codecs
 import contextlib
 import csv
 import errno
@@ -16,7 +17,10 @@ import stat
 import tempfile
 import time
 from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
+from typing import Any
 
 from circlecal.errors import InputError, OutputError
 
@@ -26,6 +30,8 @@ MAX_BYTES = 256 << 20
 """The largest file that is read as a whole, unless the caller says otherwise: an uncompressed picture of 8K has 100 MB,
 the annotations of a season some tens.
 """
+_DELIMITERS = (",", ";", "\t")
+"""Of tables: spreadsheets write semicolons where numbers have a decimal comma, and tabs into what they call text."""
 _MOST_NAME_BYTES = 100
 """Of a file's name that the temporary file beside it repeats; file systems take 255 bytes."""
 _TEMPORARY = ".circlecal-"
@@ -126,8 +132,57 @@ def read_lines(path: str | Path, start: int = 0, most_bytes: int = MAX_BYTES) ->
             raise _unreadable(path, error) from error
 
 
+def decode_table(content: bytes, name: str) -> str:
+    """Text of a CSV table: UTF-8, or the UTF-16 with a byte order mark that spreadsheets write; line ends as they are.
+
+    Raises
+    ------
+    InputError
+        It is neither, with the line.
+    """
+    encoding = "utf-16" if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else "utf-8-sig"
+    try:
+        return content.decode(encoding)
+    except UnicodeDecodeError as error:
+        number = 1 + content.count(b"\n", 0, error.start)
+        found = f"{error.reason}, 0x{content[error.start]:02x}"
+        raise InputError(f"{name}, line {number}: is not UTF-8 text ({found}); save the table as UTF-8") from error
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A CSV table that is read row by row.
+
+    Attributes
+    ----------
+    columns : tuple of str
+        Names of all columns, as they are written.
+    places : dict of str to int
+        Where the columns are that were wanted.
+    delimiter : str
+        What separates the cells.
+    rows : iterator of (int, list of str)
+        Line numbers and all cells; short rows end in empty ones.
+    """
+
+    columns: tuple[str, ...]
+    places: dict[str, int]
+    delimiter: str
+    rows: Iterator[tuple[int, list[str]]]
+
+
 def read_table(lines: Iterable[str], name: str, columns: Sequence[str]) -> Iterator[tuple[int, dict[str, str]]]:
     """Line numbers and rows of a CSV table, with the columns that are wanted; cells that a row lacks are empty.
+
+    Parameters and errors as for :func:`open_table`.
+    """
+    table = open_table(lines, name, columns)
+    for number, cells in table.rows:
+        yield number, {column: cells[place] for column, place in table.places.items()}
+
+
+def open_table(lines: Iterable[str], name: str, columns: Sequence[str], further: Sequence[str] = ()) -> Table:
+    """A CSV table by its first line; cells are separated by commas, or by semicolons or tabs as in its first line.
 
     Parameters
     ----------
@@ -136,38 +191,56 @@ def read_table(lines: Iterable[str], name: str, columns: Sequence[str]) -> Itera
     name : str
         Named in errors.
     columns : sequence of str
-        That must be there.
+        That must be there; one that differs in capitals or by blanks around it is taken where none is exact.
+    further : sequence of str
+        That may be there.
 
     Raises
     ------
     InputError
-        A column is missing or there twice, or the lines are no table.
+        A column is missing or there twice, or the lines, also later ones, are no table.
     """
-    rows = read_rows(lines, name, columns)
-    _, names = next(rows)
-    places = {column: names.index(column) for column in columns}
-    for number, cells in rows:
-        yield number, {column: cells[place] for column, place in places.items()}
-
-
-def read_rows(lines: Iterable[str], name: str, columns: Sequence[str]) -> Iterator[tuple[int, list[str]]]:
-    """Line numbers and all cells of a CSV table, the names of its columns first; short rows end in empty cells.
-
-    Parameters and errors as for :func:`read_table`.
-    """
-    table = csv.reader(lines)
-    try:
-        named = next(table, [])
-        wrong = next((column for column in columns if named.count(column) != 1), None)
-        if wrong is not None:
-            what = f"has {'two columns' if wrong in named else 'no column'} {wrong!r}"
-            found = ", not by semicolons" if any(";" in column for column in named) else ""
-            wanted = f"name the columns {', '.join(columns)}, separated by commas{found}"
+    others = iter(lines)
+    first = next(others, "")
+    delimiter = _find_delimiter(first, columns)
+    table = csv.reader(chain((first,), others), delimiter=delimiter)
+    rows = _read_rows(table, name)
+    _, named = next(rows, (1, []))
+    places = {column: _find_column(named, column) for column in (*columns, *further)}
+    for column, found in places.items():
+        if len(found) > 1 or (not found and column in columns):
+            what = f"has {'two columns' if found else 'no column'} {column!r}"
+            wanted = f"name the columns {', '.join(columns)}, separated by commas, semicolons or tabs"
             raise InputError(f"{name}, line 1: {what}; {wanted}")
-        yield table.line_num, named
+    padded = ((number, cells + [""] * (len(named) - len(cells))) for number, cells in rows)
+    return Table(tuple(named), {column: found[0] for column, found in places.items() if found}, delimiter, padded)
+
+
+def _find_delimiter(first: str, columns: Sequence[str]) -> str:
+    """What separates the names of columns in the first line of a table; a comma where that line has not all of them."""
+    for delimiter in _DELIMITERS:
+        names = {_fold(cell.strip().strip('"')) for cell in first.split(delimiter)}
+        if all(_fold(column) in names for column in columns):
+            return delimiter
+    return _DELIMITERS[0]
+
+
+def _find_column(names: Sequence[str], column: str) -> list[int]:
+    """Places of the columns of a name, else of those that differ in capitals or blanks only."""
+    exact = [place for place, found in enumerate(names) if found == column]
+    return exact or [place for place, found in enumerate(names) if _fold(found) == _fold(column)]
+
+
+def _fold(name: str) -> str:
+    return name.strip().casefold()
+
+
+def _read_rows(table: Any, name: str) -> Iterator[tuple[int, list[str]]]:
+    """Line numbers and cells of the rows of a CSV reader that have any."""
+    try:
         for cells in table:
             if cells:
-                yield table.line_num, cells + [""] * (len(named) - len(cells))
+                yield table.line_num, cells
     except csv.Error as error:
         raise InputError(f"{name}, line {table.line_num}: is no CSV table: {error}; save it as CSV again") from error
 

@@ -14,35 +14,44 @@ from numpy.typing import ArrayLike
 
 from circlecal.errors import CirclecalError, InputError
 from circlecal.field import load_field
-from circlecal.files import read_rows
+from circlecal.files import Table, open_table, real_path
 from circlecal.geometry.projective import Array
 from circlecal.names import from_cell
 from circlecal.records.log import read_records
 from circlecal.records.record import ResultRecord
 
 NO_SUCH_FRAME = "no such frame"
-SEVERAL_CLIPS = "several clips have a frame of this number; give its id"
+SEVERAL_CLIPS = "several clips have frames of such numbers; give its id, or a column video"
 OUTSIDE = "outside the field"
 _COLUMNS = ("frame", "x", "y")
+_VIDEO = "video"
+_DELIMITER_NAMES = {",": "comma", ";": "semicolon", "\t": "tab"}
+_MISSING = frozenset(("", "nan", "-nan", "na", "n/a", "#n/a", "<na>", "null", "none"))
+"""What pandas, R, MATLAB, C and spreadsheets write where there is no number, in small letters."""
 _NUMBER = re.compile(r"(\d{1,12})(?:\.0+)?", re.ASCII)
 """Of a frame, also as programs write one that keep whole numbers as others."""
 
 
 @dataclass(frozen=True, slots=True)
 class TablePoint:
-    """A point (2,) of a frame, which its id names, or its number in a tracked clip, and the cells of its row."""
+    """A point (2,) of a frame, which its id names, or its number in a tracked clip; the cells of its row, and the video
+    that is the clip, empty where the row names none.
+    """
 
     frame: str
     x: float
     y: float
     cells: tuple[str, ...] = ()
+    video: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class PointTable:
-    """Names of the columns of a table, and its points."""
+    """Names of the columns of a table, where those of a point are among them, what separates them, and its points."""
 
     columns: tuple[str, ...]
+    places: dict[str, int]
+    delimiter: str
     points: list[TablePoint]
 
 
@@ -60,7 +69,7 @@ class ProjectedPoint:
 
 
 def read_points(lines: Iterable[str], name: str, further: Collection[str] = ()) -> PointTable:
-    """Points of a CSV table with the columns ``frame``, ``x`` and ``y``, in any order among others.
+    """Points of a CSV table with the columns ``frame``, ``x``, ``y`` and perhaps ``video``, in any order among others.
 
     Parameters
     ----------
@@ -74,31 +83,35 @@ def read_points(lines: Iterable[str], name: str, further: Collection[str] = ()) 
     Raises
     ------
     InputError
-        A column is missing, or there already; a number is none, or a row is too long; with the line. Two empty cells
-        are nan: a player who was not seen.
+        A column is missing, or there already; a number is none, or a row is too long; with the line. A point of which
+        a number is missing, or said to be, is nan: a player who was not seen.
     """
-    rows = read_rows(lines, name, _COLUMNS)
-    _, columns = next(rows)
-    doubled = next((column for column in columns if column in further), None)
+    table = open_table(lines, name, _COLUMNS, (_VIDEO,))
+    doubled = next((column for column in table.columns if column in further), None)
     if doubled is not None:
         raise InputError(f"{name}, line 1: has a column {doubled!r}, which is written here; rename it")
-    return PointTable(tuple(columns), [_point_of(cells, columns, f"{name}, line {number}") for number, cells in rows])
+    points = [_point_of(cells, table, f"{name}, line {number}") for number, cells in table.rows]
+    return PointTable(table.columns, table.places, table.delimiter, points)
 
 
-def _point_of(cells: list[str], columns: list[str], where: str) -> TablePoint:
+def _point_of(cells: list[str], table: Table, where: str) -> TablePoint:
     """The point of a row."""
-    if len(cells) > len(columns):
-        raise InputError(f"{where}: has {len(cells)} cells for {len(columns)} columns; quote cells that hold a comma")
-    frame, x, y = (cells[columns.index(column)] for column in _COLUMNS)
-    if not x.strip() and not y.strip():
-        return TablePoint(from_cell(frame), np.nan, np.nan, tuple(cells))
+    if len(cells) > len(table.columns):
+        raise InputError(
+            f"{where}: has {len(cells)} cells for {len(table.columns)} columns; quote cells that hold a "
+            f"{_DELIMITER_NAMES[table.delimiter]}"
+        )
+    frame, x, y = (cells[table.places[column]] for column in _COLUMNS)
+    video = cells[table.places[_VIDEO]] if _VIDEO in table.places else ""
     try:
-        point = TablePoint(from_cell(frame), float(x), float(y), tuple(cells))
+        place = [np.nan if text.strip().lower() in _MISSING else float(text) for text in (x, y)]
     except ValueError as error:
-        raise InputError(f"{where}: x and y must be numbers") from error
-    if not (np.isfinite(point.x) and np.isfinite(point.y)):
+        raise InputError(f"{where}: x and y must be numbers with a decimal point") from error
+    if np.isinf(place).any():
         raise InputError(f"{where}: x and y must be finite")
-    return point
+    if np.isnan(place).any():
+        place = [np.nan, np.nan]
+    return TablePoint(from_cell(frame), place[0], place[1], tuple(cells), from_cell(video.strip()))
 
 
 def project_table(results: Path, points: list[TablePoint], to: Literal["field", "image"]) -> Iterator[ProjectedPoint]:
@@ -119,15 +132,45 @@ def project_table(results: Path, points: list[TablePoint], to: Literal["field", 
         The results cannot be read.
     """
     by_id, by_number = _group_points(points)
+    clips = _Clips({point.video for point in points})
     answers: dict[int, ProjectedPoint] = {}
     numbered: dict[int, ProjectedPoint] = {}
     for record in read_records(results):
         answers |= _project_of(record, points, by_id.get(record.id, []), to)
-        of_number = [] if record.track is None else by_number.get(record.track.frame, [])
-        several = {k: replace(_nowhere(points[k]), note=SEVERAL_CLIPS) for k in of_number if k in numbered}
-        numbered |= several or _project_of(record, points, of_number, to)
+        if record.track is not None:
+            meant = clips.add(record.path or "")
+            of_number = [k for k in by_number.get(record.track.frame, []) if points[k].video in meant]
+            numbered |= _project_of(record, points, of_number, to)
     for index, point in enumerate(points):
-        yield answers.get(index) or numbered.get(index) or _nowhere(point)
+        found = numbered.get(index)
+        if found is not None and clips.count(point.video) > 1:
+            found = replace(_nowhere(point), note=SEVERAL_CLIPS)
+        yield answers.get(index) or found or _nowhere(point)
+
+
+class _Clips:
+    """Which clips of a run the rows of a table can mean by what they write under ``video``: a path, or the mere name of
+    a file in any folder; a row that writes nothing can mean each clip.
+    """
+
+    def __init__(self, videos: Collection[str]) -> None:
+        self._wanted = {video: real_path(Path(video)) for video in videos if video}
+        self._meaning: dict[str, set[str]] = {}
+        self._found: dict[str, set[Path]] = defaultdict(set)
+
+    def add(self, path: str) -> set[str]:
+        """Take note of the clip at a path; what rows write that can mean it."""
+        if path not in self._meaning:
+            clip = real_path(Path(path))
+            named = (video for video, place in self._wanted.items() if clip == place or clip.name == video)
+            self._meaning[path] = {"", *named}
+            for video in self._meaning[path]:
+                self._found[video].add(clip)
+        return self._meaning[path]
+
+    def count(self, video: str) -> int:
+        """Number of clips that a row can mean."""
+        return len(self._found[video])
 
 
 def _nowhere(point: TablePoint) -> ProjectedPoint:

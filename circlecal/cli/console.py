@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import csv
+import io
 import logging
 import sys
 import time
@@ -69,6 +71,17 @@ def print_table(title: str | None, columns: Sequence[str], rows: Sequence[Sequen
 def print_line(text: str) -> None:
     """Print one line on stdout."""
     print(show(text))  # noqa: T201
+
+
+def print_row(cells: Sequence[str], delimiter: str = ",") -> None:
+    """Print a row of a CSV table on stdout: into a file or a pipe with its cells as they are, on a terminal with what
+    would command it as escapes.
+    """
+    text = io.StringIO()
+    # the line end of this writer is what it quotes in cells, so that a cell with one comes back as it was
+    writer = csv.writer(text, delimiter=delimiter, lineterminator="\r\n")
+    writer.writerow([show(cell) for cell in cells] if sys.stdout.isatty() else cells)
+    print(text.getvalue().removesuffix("\r\n"))  # noqa: T201
 
 
 def print_text(text: str) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import io
 import json
 import math
@@ -16,9 +15,7 @@ import typer
 from circlecal.cli import options
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from circlecal.api.tables import ProjectedPoint
+    from circlecal.api.tables import PointTable, ProjectedPoint
     from circlecal.records.record import ResultRecord
 
 
@@ -55,7 +52,8 @@ def project(
         typer.Option(
             "--points",
             metavar="CSV",
-            help="Table with the columns frame (id, or number in a tracked clip), x, y; - reads standard input.",
+            help="Table with the columns frame (id, or number in a tracked clip), x, y; of several clips also video; "
+            "- reads standard input.",
         ),
     ] = None,
     to: Annotated[Target, typer.Option("--to", help="field: pixels to metres; image: metres to pixels.")],
@@ -154,37 +152,56 @@ def _project_table(results: Path, points: Path, to: Target, *, as_json: bool) ->
     from circlecal.api.tables import NO_SUCH_FRAME, project_table, read_points
     from circlecal.cli import console
     from circlecal.errors import InputError
-    from circlecal.files import read_file
+    from circlecal.files import decode_table, read_file
 
-    lines = (
-        sys.stdin if str(points) == "-" else io.StringIO(read_file(points).decode("utf-8-sig", "replace"), newline="")
-    )
+    name = "standard input" if str(points) == "-" else str(points)
+    text = decode_table(_read_standard_input() if str(points) == "-" else read_file(points), name)
     given_unit, unit = to.units
-    names = ("frame", f"x_{given_unit}", f"y_{given_unit}", f"x_{unit}", f"y_{unit}", f"sigma_{unit}", "note")
-    table = read_points(lines, str(points), names[1:] if as_json else names[3:])
+    names = (f"x_{given_unit}", f"y_{given_unit}", f"x_{unit}", f"y_{unit}", f"sigma_{unit}", "note")
+    table = read_points(io.StringIO(text, newline=""), name, names if as_json else names[2:])
     if not as_json:
-        console.print_line(_as_row([*table.columns, *names[3:]]))
+        console.print_row([*table.columns, *names[2:]], table.delimiter)
     is_known = not table.points
     for found in project_table(results, table.points, to.value):
         is_known = is_known or found.note != NO_SUCH_FRAME
         place = (found.x, found.y, found.sigma)
         if as_json:
-            others = dict(zip(table.columns, found.given.cells, strict=True))
-            told = (found.given.frame, *map(_finite, (found.given.x, found.given.y, *place)), found.note or None)
-            row = {name: cell for name, cell in others.items() if name not in ("x", "y")}
-            console.print_json(json.dumps(row | dict(zip(names, told, strict=True))))
+            told = (*map(_finite, (found.given.x, found.given.y, *place)), found.note or None)
+            console.print_json(json.dumps(_name_cells(table, found) | dict(zip(names, told, strict=True))))
             continue
         cells = ["" if _finite(value) is None else f"{value:z.6g}" for value in place]
-        console.print_line(_as_row([*found.given.cells, *cells, found.note]))
+        console.print_row([*found.given.cells, *cells, found.note], table.delimiter)
     if not is_known:
         raise InputError(
-            f"{points}: {results} has none of its frames; the column frame holds their ids, or the numbers "
-            "of those of one tracked clip"
+            f"{name}: {results} has none of its frames; the column frame holds their ids, or the numbers of those of "
+            "one tracked clip, which a column video names"
         )
 
 
-def _as_row(cells: Sequence[str]) -> str:
-    """A row of a CSV table."""
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerow(cells)
-    return text.getvalue().removesuffix("\n")
+def _read_standard_input() -> bytes:
+    """Everything that comes from there.
+
+    Raises
+    ------
+    InputError
+        It is a folder or the like, or has more than is read of a file.
+    """
+    from circlecal.errors import InputError
+    from circlecal.files import MAX_BYTES, size_in_words
+
+    try:
+        content = sys.stdin.buffer.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise InputError(f"standard input: cannot be read: {error.strerror}; give the table with <") from error
+    if len(content) > MAX_BYTES:
+        raise InputError(f"standard input: has more than {size_in_words(MAX_BYTES)}; split it")
+    return content
+
+
+def _name_cells(table: PointTable, found: ProjectedPoint) -> dict[str, str]:
+    """The cells of a row without its point, by the names of their columns."""
+    own = {table.places["x"], table.places["y"]}
+    names = {table.places["frame"]: "frame"}
+    cells = enumerate(zip(table.columns, found.given.cells, strict=True))
+    row = {names.get(place, column): cell for place, (column, cell) in cells if place not in own}
+    return row | {"frame": found.given.frame}

@@ -15,7 +15,7 @@ def folder(tmp_path, monkeypatch, frame_file):
     frame_file.rename(tmp_path / "good.png")
     (tmp_path / "bracket.yaml").write_text("camera:\n  position_m: [1, 2, 3\n  roll_sd_deg: 1\n")
     (tmp_path / "prior.yaml").write_text("position_m: [0, 70, -20\nroll_sd_deg: 1\n")
-    (tmp_path / "points.csv").write_text("frame;x;y\ngood;1;2\n")
+    (tmp_path / "points.csv").write_text("frame.x.y\ngood.1.2\n")
     (tmp_path / "other.json").write_text('{"circle": [1, 2]}')
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "results.jsonl").write_text("")
@@ -41,7 +41,7 @@ def folder(tmp_path, monkeypatch, frame_file):
             "run: holds the results of a run; give a result file of circlecal calibrate",
         ),
         ("project run/results.jsonl --to field 640 360", "or --points with a run"),
-        ("project run --to field --points points.csv", "separated by commas, not by semicolons"),
+        ("project run --to field --points points.csv", "separated by commas, semicolons or tabs"),
         ("audit other.json", "other.json: is no keypoint file of PnLCalib, which has the keys kp and lines"),
     ],
 )

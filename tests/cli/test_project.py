@@ -1,9 +1,12 @@
 """``circlecal project``: pixels to metres and back."""
 
+import csv
+import io
 import json
 
 import pytest
 
+from circlecal.api.tables import SEVERAL_CLIPS
 from circlecal.config import Config
 from circlecal.field import load_field
 from circlecal.pipeline import field_of, run
@@ -128,7 +131,7 @@ def test_a_table_of_points_over_a_run(run_circlecal, result_file, blank_file, tm
     assert [line["note"] for line in found[1:]] == [
         "outside the field", "on or above the horizon", "refused: no_circle_found", "no such frame"
     ]  # fmt: skip
-    monkeypatch.setattr("sys.stdin", iter(rows.splitlines(keepends=True)))
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(rows.encode())))
     table = run_circlecal("project", tmp_path, "--points", "-", "--to", "field").out.splitlines()
     assert table[0] == "frame,x,y,x_m,y_m,sigma_m,note"
     assert table[2].endswith("outside the field") and len(table) == 6
@@ -140,13 +143,13 @@ def test_a_table_of_points_over_a_run(run_circlecal, result_file, blank_file, tm
     (tmp_path / "points.csv").write_text("frame,x,y\n17,480,270\n")
     outcome = run_circlecal("project", tmp_path, "--points", tmp_path / "points.csv", "--to", "field")
     assert outcome.code == 2 and "has none of its frames; the column frame holds their ids" in outcome.err
-    (tmp_path / "points.csv").write_text("frame,x,y\ngood,1,\n")
+    (tmp_path / "points.csv").write_text("frame,x,y\ngood,1,two\n")
     outcome = run_circlecal("project", tmp_path, "--points", tmp_path / "points.csv", "--to", "field")
     assert outcome.code == 2 and "line 2: x and y must be numbers" in outcome.err and not outcome.out
     (tmp_path / "points.csv").write_text("frame,x\ngood,1\n")
     wrong = run_circlecal("project", tmp_path, "--points", tmp_path / "points.csv", "--to", "field")
     assert wrong.code == 2 and "no column 'y'" in wrong.err
-    for names, told in (("frame;x;y", "separated by commas"), ("frame,x,y,x", "two columns 'x'")):
+    for names, told in (("frame.x.y", "separated by commas"), ("frame,x,y,x", "two columns 'x'")):
         (tmp_path / "points.csv").write_text(f"{names}\ngood,1,2,3\n")
         wrong = run_circlecal("project", tmp_path, "--points", tmp_path / "points.csv", "--to", "field")
         assert wrong.code == 2 and told in wrong.err
@@ -155,32 +158,104 @@ def test_a_table_of_points_over_a_run(run_circlecal, result_file, blank_file, tm
     assert endless.code == 2 and "points.csv, line 3: is no CSV table: field larger" in endless.err
 
 
-def test_frames_of_a_tracked_clip_are_named_by_their_numbers_too(run_circlecal, tmp_path):
+def write_track(folder, **clips):
+    """A run of tracked clips by their file names without the suffix; of each its numbers of frames."""
     form = RecordForm(*field_of(Config()), 0, "0" * 12)
+    records = [
+        record_of_track(tracked(index, index / 25.0), f"{clip}_00-00-00.{40 * index:03d}", f"{clip}.mp4", 0, form)
+        for clip, indices in clips.items()
+        for index in indices
+    ]
+    (folder / "results.jsonl").write_text("".join(result_line(record) + "\n" for record in records))
 
-    def write_run(*clips):
-        records = [
-            record_of_track(tracked(index, index / 25.0), f"{clip}_00-00-00.{40 * index:03d}", f"{clip}.mp4", 0, form)
-            for clip in clips
-            for index in (3, 4, LOST_FRAMES[0])
-        ]
-        (tmp_path / "results.jsonl").write_text("".join(result_line(record) + "\n" for record in records))
 
-    def project(*frames):
+@pytest.fixture
+def project_rows(run_circlecal, tmp_path):
+    """Takes a table to the field with the run of the folder; lines of JSON."""
+
+    def project(text):
         table = tmp_path / "points.csv"
-        table.write_text("frame,x,y\n" + "".join(f"{frame},160,120\n" for frame in frames))
+        table.write_bytes(text if isinstance(text, bytes) else text.encode())
         outcome = run_circlecal("project", tmp_path, "--points", table, "--to", "field", "--json")
+        assert outcome.code == 0, outcome.err
         return [json.loads(line) for line in outcome.out.splitlines()]
 
-    write_run("first")
+    return project
+
+
+def test_frames_of_a_tracked_clip_are_named_by_their_numbers_too(project_rows, tmp_path):
+    def project(*frames):
+        return project_rows("frame,x,y\n" + "".join(f"{frame},160,120\n" for frame in frames))
+
+    write_track(tmp_path, first=(3, 4, LOST_FRAMES[0]))
     by_number, as_float, other, lost, beyond, by_id = project(3, "4.0", 4, 7, 5, "first_00-00-00.120")
     assert by_number["x_m"] == by_id["x_m"] != other["x_m"] == as_float["x_m"]
     assert (by_number["frame"], as_float["frame"]) == ("3", "4.0")
     assert (lost["note"], beyond["note"]) == ("refused: lost", "no such frame")
-    write_run("first", "second")
-    both, by_id = project(3, "second_00-00-00.120")
-    assert (both["x_m"], both["note"]) == (None, "several clips have a frame of this number; give its id")
+    write_track(tmp_path, first=(3, 4), second=(3, 4, 6))
+    both, longer, by_id = project(3, 6, "second_00-00-00.120")
+    assert (both["x_m"], both["note"]) == (longer["x_m"], longer["note"]) == (None, SEVERAL_CLIPS)
     assert by_id["x_m"] == by_number["x_m"]
+
+
+def test_a_column_names_the_clip_of_a_number(project_rows, tmp_path):
+    write_track(tmp_path, **{"first": (3,), "second": (4,), "half/second": (4,)})
+    rows = project_rows(
+        "frame,x,y,video\n3,1,2,first.mp4\n4,1,2,first.mp4\n4,1,2,half/second.mp4\n4,1,2,second.mp4\n3,1,2,\n3,1,2,none\n"
+    )
+    no_frame = "no such frame"
+    # the mere name of two files in two folders is that of both
+    assert [row["note"] for row in rows] == [
+        "outside the field",
+        no_frame,
+        "outside the field",
+        *[SEVERAL_CLIPS] * 2,
+        no_frame,
+    ]
+    assert rows[2]["video"] == "half/second.mp4"
+
+
+@pytest.mark.parametrize(
+    "missing", ["nan,nan", "NA,NA", "1,", ",1", "null,2", "-nan,-nan", " , ", "<NA>,1.5", "None,None"]
+)
+def test_a_row_that_lacks_a_number_has_no_point(project_rows, result_file, tmp_path, missing):
+    (tmp_path / "good.json").write_bytes(result_file.read_bytes())
+    none, seen = project_rows(f"frame,x,y\ngood,{missing}\ngood,480,270\n")
+    assert (none["x_px"], none["y_px"], none["x_m"], none["note"]) == (None, None, None, "no point given")
+    assert seen["sigma_m"] > 0
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        b"\xef\xbb\xbfframe,x,y,who\ngood,480,270,M\xc3\xbcller\n",
+        "frame\tx\ty\twho\ngood\t480\t270\tM\u00fcller\n".encode("utf-16"),
+        "frame;x;y;who\r\ngood;480;270;M\u00fcller\r\n".encode(),
+        'Frame,"X", Y ,who\ngood,480,270,M\u00fcller\n'.encode(),
+    ],
+)
+def test_tables_as_spreadsheets_write_them(project_rows, run_circlecal, result_file, tmp_path, monkeypatch, table):
+    (tmp_path / "good.json").write_bytes(result_file.read_bytes())
+    (row,) = project_rows(table)
+    assert (row["frame"], row["x_px"], row["who"]) == ("good", 480.0, "M\u00fcller") and row["sigma_m"] > 0
+    assert list(row)[:3] == ["frame", "who", "x_px"]
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(table), encoding="ascii"))
+    piped = run_circlecal("project", tmp_path, "--points", "-", "--to", "field", "--json")
+    assert json.loads(piped.out) == row
+
+
+@pytest.mark.parametrize("from_pipe", [False, True])
+def test_a_table_that_is_no_unicode_is_refused_with_its_line(
+    run_circlecal, result_file, tmp_path, monkeypatch, from_pipe
+):
+    content = "frame,x,y,who\ngood,480,270,a\ngood,480,270,M\u00fcller\n".encode("latin-1")
+    points = tmp_path / "points.csv"
+    points.write_bytes(content)
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(content)))
+    outcome = run_circlecal("project", result_file, "--points", "-" if from_pipe else points, "--to", "field")
+    name = "standard input" if from_pipe else points
+    assert (outcome.code, outcome.out, outcome.err.count("\n")) == (2, "", 1)
+    assert f"{name}, line 3: is not UTF-8 text (invalid start byte, 0xfc); save the table as UTF-8" in outcome.err
 
 
 def test_the_rows_of_a_table_come_out_as_they_are(run_circlecal, result_file, tmp_path):
@@ -194,6 +269,20 @@ def test_the_rows_of_a_table_come_out_as_they_are(run_circlecal, result_file, tm
     first, *_ = (json.loads(line) for line in run_circlecal(*command, "--json").out.splitlines())
     assert list(first) == ["player", "frame", "team", "x_px", "y_px", "x_m", "y_m", "sigma_m", "note"]
     assert (first["player"], first["team"], first["x_px"]) == ("7", "A, B", 480.123456789)
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", "\t"])
+def test_a_terminal_alone_gets_escapes(run_circlecal, result_file, tmp_path, monkeypatch, delimiter):
+    odd = ["tab\there", "two\nlines", "two\r\nlines", "right\u200fleft", 'a "b"', "a,b;c"]
+    text = io.StringIO(newline="")
+    csv.writer(text, delimiter=delimiter).writerows([["frame", "x", "y", *"abcdef"], ["good", "1", "2", *odd]])
+    (tmp_path / "points.csv").write_bytes(text.getvalue().encode())
+    command = "project", result_file, "--points", tmp_path / "points.csv", "--to", "field"
+    _, row = csv.reader(io.StringIO(run_circlecal(*command).out, newline=""), delimiter=delimiter)
+    assert row[3:9] == odd
+    monkeypatch.setattr("_pytest.capture.CaptureIO.isatty", lambda self: True)
+    _, row = csv.reader(io.StringIO(run_circlecal(*command).out, newline=""), delimiter=delimiter)
+    assert row[3:9] == [r"tab\there", r"two\nlines", r"two\r\nlines", r"right\u200fleft", *odd[4:]]
 
 
 @pytest.mark.parametrize(
