@@ -204,8 +204,8 @@ REFUSALS = _by_code(
         # the camera
         Refusal(
             "no_circle",
-            "the circle is not among what was given, and the rest does not determine a camera",
-            "No points of the circle took part, and too few lines, arcs and points stand for it.",
+            "no point of the circle took part, and the rest does not determine a camera",
+            "None was found or given, and too few lines, arcs and points stand for it.",
             "Give more lines or points; check the circle's name (field.circle) and the labels of the annotation.",
         ),
         Refusal(

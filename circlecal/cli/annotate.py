@@ -60,7 +60,7 @@ def annotate(
     from circlecal.files import exists, is_folder
     from circlecal.formats.annotation import ANNOTATION_FOLDER
     from circlecal.report.pages import tell_workbench
-    from circlecal.workbench.frames import is_run, list_frames, take_part
+    from circlecal.workbench.frames import find_venue, is_run, list_frames, take_part
     from circlecal.workbench.session import Session
     from circlecal.workbench.store import AnnotationStore
 
@@ -71,13 +71,19 @@ def annotate(
             "--out FOLDER here and --annotations FOLDER to circlecal batch"
         )
 
+    is_alone = venue is None and camera_prior is None and len(inputs) == len(runs) == 1
+    of_run = find_venue(runs[0]) if is_alone else None
+    venue = venue or of_run
+    if of_run is not None and not quiet:
+        console.print_note(f"{of_run}: frames are calibrated by its cameras; name another one with --venue")
+
     def choose(template: str | None, further: Sequence[str] = (), *, is_plain: bool = False) -> Config:
         given, place = [*(settings or ()), *further], None if is_plain else venue
         return options.choose_config(
             config, given, template, camera_prior=camera_prior, venue=place, tells_field=is_plain
         )
 
-    chosen = _suit_runs(runs, field, choose, quiet=quiet)
+    chosen = _suit_runs(runs, field, choose, knows_venue=of_run is not None, quiet=quiet)
     sampling = Sampling.parse(every or DEFAULT_EVERY, dashes="--")
     frames = take_part(list_frames(inputs, sampling, chosen.limits), part)
     folder = out or (runs[0] / ANNOTATION_FOLDER if runs else Path("circlecal-annotations"))
@@ -114,8 +120,12 @@ def annotate(
                 tell_workbench(run, None, address)
 
 
-def _suit_runs(runs: Sequence[Path], field: str | None, choose: Callable[..., Config], *, quiet: bool) -> Config:
+def _suit_runs(
+    runs: Sequence[Path], field: str | None, choose: Callable[..., Config], *, knows_venue: bool, quiet: bool
+) -> Config:
     """The configuration, on the field and with the sizes that the records of the runs tell.
+
+    ``knows_venue`` says that it holds the cameras that the run itself found, with which none of its frames was made.
 
     Raises
     ------
@@ -131,6 +141,7 @@ def _suit_runs(runs: Sequence[Path], field: str | None, choose: Callable[..., Co
     made = {run: RunFacts.of(run) for run in runs}
     field = _choose_field(made, field, choose)
     chosen, of_auto = choose(field), None
+    of_plain = config_digest(choose(field, is_plain=True)) if knows_venue else None
     with contextlib.suppress(ConfigError):  # sizes go with no field that pictures tell
         of_auto = config_digest(choose(AUTO, is_plain=True))
     for run, facts in made.items():
@@ -140,7 +151,7 @@ def _suit_runs(runs: Sequence[Path], field: str | None, choose: Callable[..., Co
         suited = next(fitting, None)
         if suited is not None:
             chosen = suited
-        elif not quiet and facts.digests and of_auto not in facts.digests:
+        elif not quiet and facts.digests and facts.digests.isdisjoint((of_auto, of_plain)):
             console.print_note(
                 f"{run}: was made with other options than these; give its --config, --set, --camera-prior and --venue "
                 "here too, so that frames are calibrated as they were"

@@ -317,8 +317,10 @@ def choose_config(
     return config
 
 
-def folder_of_run(out: Path, digest: str, *, ask: bool, restart: bool) -> Path:
+def folder_of_run(out: Path, digest: str, *, ask: bool, restart: bool, hint: str = "") -> Path:
     """The folder that was named, or a new one beside it where that holds another run and the user agrees.
+
+    ``hint`` is added to what is said of another run: what may have made it another one.
 
     Raises
     ------
@@ -334,11 +336,11 @@ def folder_of_run(out: Path, digest: str, *, ask: bool, restart: bool) -> Path:
             log.take_up(digest)
     except OtherRunError as error:
         if not ask:
-            raise
+            raise OtherRunError(f"{error}{hint}") from error
         count = 2
         while (new := out.with_name(f"{out.name}-{count}")).exists():
             count += 1
-        typer.echo(f"circlecal: {error}", err=True)
+        typer.echo(f"circlecal: {error}{hint}", err=True)
         if not typer.confirm(f"Start a new run in {new}?", err=True):
             raise typer.Exit(2) from None
         return new

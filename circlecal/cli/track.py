@@ -96,7 +96,8 @@ def track(
             if not quiet:
                 console.print_note(f"--field auto: {chosen.field.template}")
         run = ClipRun(chosen, sampling, known, full, annotations or out / ANNOTATION_FOLDER)
-        out = options.folder_of_run(out, run.digest, ask=console.can_ask() and not quiet, restart=restart)
+        can_ask, hint = console.can_ask() and not quiet, _hint_at_annotations(run)
+        out = options.folder_of_run(out, run.digest, ask=can_ask, restart=restart, hint=hint)
         with console.resumable(restart=restart), console.progress_display(quiet=quiet) as show:
             report = run_track(
                 videos,
@@ -120,6 +121,16 @@ def track(
         raise typer.Exit(2)
     if refused:
         raise typer.Exit(1)
+
+
+def _hint_at_annotations(run: ClipRun) -> str:
+    """That annotations make another run, where there are any: frames without one are tracked by them too."""
+    from circlecal.formats.annotation import digest_annotations
+
+    if run.annotations is None or not digest_annotations(run.annotations):
+        return ""
+    where = f"annotations in {run.annotations} count too"
+    return f"; {where}: if some were saved since, --restart takes them, and they are kept"
 
 
 def _write_further(

@@ -250,7 +250,10 @@ def _open(path: Path) -> tuple[Format, Content]:
     """
     content = Content.of(path)
     if content.mapping.keys() >= {"shots", "frames", "tripod"}:
-        raise InputError(f"{path}: is the truth of a clip, which circlecal bench track compares; give that of frames")
+        raise InputError(
+            f"{path}: is the truth of a whole clip, with which no finished run is compared; circlecal bench track PATH "
+            "tracks the clip itself and compares it, and evaluate takes the truth of single frames"
+        )
     return (_TRUTH, content) if _TRUTH.recognises(content) else open_file(path)
 
 

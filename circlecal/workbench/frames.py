@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.errors import InputError
-from circlecal.files import exists, real_path, require_input
+from circlecal.files import exists, is_file, real_path, require_input
 from circlecal.pictures.files import PictureFile, find_frames, read_image
 from circlecal.pictures.inputs import expand_inputs
 from circlecal.pictures.limits import LimitsConfig
@@ -20,6 +20,7 @@ from circlecal.pictures.remote import is_url
 from circlecal.pictures.video import Sampling, Video, pictures_at
 from circlecal.records.log import RESULTS_NAME, read_records
 from circlecal.records.record import ResultRow
+from circlecal.rig.venue import VENUE_NAME, read_venue_file
 
 DOUBTFUL_PX = 15.0
 """A calibrated frame whose largest predicted error is more, pixels at 1920 px width, is worth a click."""
@@ -64,6 +65,19 @@ def state_of(status: str, sigma_px: float | None, width: int) -> State:
 def is_run(path: Path) -> bool:
     """Whether a folder is that of a run."""
     return path.is_dir() and (path / RESULTS_NAME).is_file()
+
+
+def find_venue(run: Path) -> Path | None:
+    """The file with the cameras that a run found; None where it found none, or each of several clips has its own.
+
+    Raises
+    ------
+    InputError
+        It is damaged.
+    """
+    own = run / VENUE_NAME
+    is_only = is_file(own) and not any(run.glob(f"*.{VENUE_NAME}"))
+    return own if is_only and read_venue_file(own).tripods else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,6 +173,8 @@ def _take_once(frames: Sequence[ListedFrame]) -> list[ListedFrame]:
 def take_part(frames: list[ListedFrame], part: str | None) -> list[ListedFrame]:
     """The frames of one of several people: of ``"2/4"`` every fourth one, from the second on; all where None.
 
+    They are dealt by their ids, since the order of a run's frames is that in which they were finished.
+
     Raises
     ------
     InputError
@@ -169,7 +185,7 @@ def take_part(frames: list[ListedFrame], part: str | None) -> list[ListedFrame]:
     found = re.fullmatch(r"([1-9]\d{0,5})/([1-9]\d{0,5})", part)
     if found is None or int(found[1]) > int(found[2]):
         raise InputError(f"--part {part}: must be K/N such as 2/4, the second of four parts")
-    chosen = frames[int(found[1]) - 1 :: int(found[2])]
+    chosen = sorted(frames, key=lambda frame: frame.file.id)[int(found[1]) - 1 :: int(found[2])]
     if not chosen:
         raise InputError(f"--part {part}: is empty; there are {len(frames)} frames")
     return chosen

@@ -52,6 +52,8 @@ HELD_PIXELS = 50_000_000
 """
 JPEG_QUALITY = 93
 MOST_PATH_POINTS = 2000
+_ORDER = {"refused": 0, "doubtful": 1, "unknown": 2, "calibrated": 3}
+"""Of the states of frames in the list: what is worth a look comes first."""
 UNKNOWN_SIZE = (1920, 1080)
 """Size in which a file that tells none is read, until it is known which frame it is of, pixels."""
 
@@ -92,9 +94,10 @@ class Session:
         self._held: OrderedDict[int, OpenFrame] = OrderedDict()
         self._lock = threading.Lock()
         self._search: object = None
-        known, order = store.known(), {"refused": 0, "doubtful": 1, "unknown": 2, "calibrated": 3}
+        known = store.known()
         listed = [self._take_up(frame) if store.path(frame.file.id).name in known else frame for frame in frames]
-        self.frames = sorted(listed, key=lambda frame: order[frame.state])
+        self.frames = sorted(listed, key=lambda frame: _ORDER[frame.state])
+        self._by_run = [(frame.state, frame.code, frame.sigma_px) for frame in self.frames]
 
     def _take_up(self, frame: ListedFrame) -> ListedFrame:
         """The frame with what its annotation says of it; one whose annotation cannot be used is there to be mended."""
@@ -217,6 +220,9 @@ class Session:
         frame, camera = self.frames[index], told.found.attempt.camera
         sigma = None if camera is None else camera.max_sigma_px
         judged = frame.with_verdict(told.found.status, told.found.verdict.code, sigma, annotation.width)
+        state, code, sigma = self._by_run[index]
+        if not annotation.touched and state != "unknown" and _ORDER[judged.state] < _ORDER[state]:
+            judged = replace(judged, state=state, code=code, sigma_px=sigma)  # other frames of the run helped this one
         self.frames[index] = replace(judged, annotated=annotation.touched, flag=annotation.flag)
         return {
             "annotation": annotation.model_dump(mode="json"),

@@ -9,6 +9,7 @@ import pytest
 
 import circlecal
 from circlecal.evaluation.reading import read_predictions
+from circlecal.formats.annotation import AnnotatedMarking, Annotation, annotation_bytes
 from circlecal.results.numbers import show_with_sigma
 from circlecal.tracking import stretches
 from tests.tracking import scripted
@@ -150,6 +151,23 @@ def test_a_clip_that_cannot_be_read_does_not_stop_the_others(clip, tmp_path, run
 def test_help_tells_the_default_of_every(run_circlecal, command, default):
     shown = " ".join(run_circlecal(command, "--help").out.replace("│", " ").split())
     assert f"(default: {default})" in shown
+
+
+def test_annotations_that_came_later_are_told_with_what_takes_them(clip, tmp_path, run_circlecal):
+    out, command = tmp_path / "out", ("track", clip, "--out", tmp_path / "out", "--every", "10")
+    assert run_circlecal(*command).code == 0
+    other = run_circlecal(*command, "--seed", "1").err
+    assert "holds results of another configuration" in other and "count too" not in other
+    name = next(iter(circlecal.load(out))).id
+    marking = AnnotatedMarking(name="halfway_line", kind="line", points_px=[[9, 20], [90, 22]], sigma_px=[0.5, 0.5])
+    width, height = scripted.SIZE
+    made = Annotation(id=name, source=str(clip), width=width, height=height, touched=True, markings=[marking])
+    (out / "annotations").mkdir()
+    (out / "annotations" / f"{name}.json").write_bytes(annotation_bytes(made))
+    told = run_circlecal(*command)
+    assert (told.code, told.err.count("\n")) == (2, 1)
+    assert f"annotations in {out / 'annotations'} count too: if some were saved since, --restart takes them" in told.err
+    assert run_circlecal(*command, "--restart").code == 0 and list((out / "annotations").glob("*.json"))
 
 
 def test_evaluate_reads_the_run(clip, tmp_path, run_circlecal):

@@ -117,7 +117,7 @@ def of_ten_thousand_frames_only_those_in_view_are_drawn(browser):
     """Only the rows in view exist, and keys, filters and search reach all of them."""
     told = browser.run(
         """
-        return import("./list.js").then(({ FrameList, isToDo }) => {
+        return import("./list.js").then(({ FrameList, isToDo, clock }) => {
           const box = document.body.appendChild(document.createElement("div")), rows = document.createElement("div");
           box.style.cssText = "height: 400px; overflow-y: auto; position: relative"; box.append(rows);
           const opened = [], list = new FrameList(box, rows, (index) => opened.push(index));
@@ -126,16 +126,24 @@ def of_ten_thousand_frames_only_those_in_view_are_drawn(browser):
           list.keep("", ""); list.select(9000);
           const nodes = rows.children.length, there = rows.textContent.includes("f9000");
           list.step(1); list.keep("refused", "f99"); const few = list.shown.length; list.keep("", "");
+          box.style.width = "150px"; box.scrollTop = 0;
+          list.frames = [["a_clip_with_a_long_name_00-00-00.040", ...list.frames[0].slice(1)]]; list.keep("", "");
+          const place = (tag) => rows.querySelector(tag).getBoundingClientRect();
+          const name = place("bdi"), cell = place("b");
+          const cut = { before: cell.left - name.left, behind: name.right - cell.right };
           box.remove();
+          const clocks = [0.04, 61.96, 59.999, 120].map(clock);
           const asked = (state, done) => isToDo(["f", state, null, 20, null, done, null]);
           const todo = [...states, "unknown"].map((state) => [asked(state, false), asked(state, true)]);
-          return { nodes, there, opened, few, todo };
+          return { nodes, there, opened, few, todo, cut, clocks };
         });
         """
     )
     assert told["nodes"] < 40 and told["there"] and told["opened"] == [9001]
     asked = "a refused frame is to do, a doubtful or unseen one until somebody annotates it"
     assert told["todo"] == [[True, True], [True, False], [False, False], [True, False]], asked
+    assert told["cut"]["before"] > 20 and told["cut"]["behind"] < 1, "ids of a clip's frames differ at their end"
+    assert told["clocks"] == ["0:00.04", "1:01.96", "1:00", "2:00"]
     assert told["few"] == sum(f"f{k}".startswith("f99") or "f99" in f"f{k}" for k in range(0, 10_000, 3))
 
 

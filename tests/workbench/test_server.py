@@ -7,10 +7,13 @@ from urllib.parse import urlsplit
 
 import pytest
 
+from circlecal.config import Config
 from circlecal.errors import InputError
 from circlecal.formats.annotation import parse_annotation
 from circlecal.formats.registry import read_annotations
+from circlecal.tracking import stretches
 from circlecal.workbench.session import Session
+from tests.tracking import scripted
 
 
 class Client:
@@ -266,6 +269,22 @@ def test_a_run_is_opened_on_its_own_field_with_its_own_sizes(folder, run_circlec
     assert len(opened[-1].frames) == 1, "a frame that is given twice is listed once"
     outcome = run_circlecal("annotate", run, other, "--no-browser")
     assert outcome.code == 2 and "give one run at a time, or --out FOLDER here" in outcome.err
+
+
+def test_the_cameras_that_a_run_found_are_known_to_the_page(run_circlecal, tmp_path, opened, monkeypatch):
+    monkeypatch.setattr(stretches, "survey_clip", scripted.survey_clip)
+    monkeypatch.setattr(stretches, "track_frames", scripted.track_frames)
+    clip, out = scripted.write_clip(tmp_path / "clip.mp4"), tmp_path / "out"
+    assert run_circlecal("track", clip, "--out", out, "--every", "10", "-q").code == 0
+    told = run_circlecal("annotate", out, "--no-browser").err
+    assert f"{out / 'venue.yaml'}: frames are calibrated by its cameras; name another one with --venue" in told
+    known, plain = opened[-1].config.camera, Config().camera
+    assert known != plain and "other options" not in told
+    run_circlecal("annotate", out, "--no-browser", "--venue", out / "venue.yaml")
+    assert opened[-1].config.camera == known
+    (out / "venue.yaml").rename(out / "clip.venue.yaml")
+    assert "name another one" not in run_circlecal("annotate", out, "--no-browser").err
+    assert opened[-1].config.camera == plain
 
 
 def test_two_pictures_of_one_id_and_a_file_as_folder_are_refused_in_one_line(

@@ -3,6 +3,7 @@
 import json
 import threading
 import zipfile
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 
@@ -27,6 +28,9 @@ def test_parts_hold_every_frame_once(folder):
     assert sorted(frame.file.id for part in parts for frame in part) == sorted(frame.file.id for frame in frames)
     assert [len(part) for part in parts] == [2, 1]
     assert take_part(frames, None) == frames
+    # those that a batch does again move to the end of its results
+    for k, part in enumerate(parts, start=1):
+        assert take_part([*frames[1:], frames[0]], f"{k}/2") == part
 
 
 @pytest.mark.parametrize(
@@ -72,6 +76,18 @@ def begin(out: Path, *inputs: Path) -> Session:
 
 def number_of(session: Session, name: str) -> int:
     return next(k for k, frame in enumerate(session.frames) if frame.file.id == name)
+
+
+def test_a_frame_that_others_helped_keeps_its_place_when_it_is_looked_at(folder, tmp_path):
+    listed = list_frames([str(folder / "open.png")], Sampling.parse("1s"), DEFAULT_LIMITS)
+    assert Session(listed, AnnotationStore(tmp_path), Config()).show(0)["row"][1] == "refused"
+    of_run = [replace(frame, state="calibrated", sigma_px=1.5) for frame in listed]
+    session = Session(of_run, AnnotationStore(tmp_path), Config())
+    assert session.show(0)["row"][1:4] == ["calibrated", None, 1.5]
+    begun = session.annotation(0)
+    assert session.save(0, begun.model_copy(update={"touched": True}), 0)["row"][1] == "refused", (
+        "what a person changed"
+    )
 
 
 def annotate(out: Path, name: str, source: Path | None = None) -> Annotation:

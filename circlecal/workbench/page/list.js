@@ -1,7 +1,11 @@
 // The list of frames: only the rows in view exist, so ten thousand frames are as quick as ten.
 const ROW = 40;
 const make = (tag, properties, ...inside) => { const node = Object.assign(document.createElement(tag), properties); node.append(...inside); return node; };
-const clock = (s) => `${Math.floor(s / 60)}:${String(Math.floor(s % 60)).padStart(2, "0")}`;
+/** Minutes, seconds and, where there are any, hundredths: frames of a clip follow each other by 0.04 s. */
+export const clock = (s) => {
+  const whole = Math.round(100 * s), rest = whole % 100, seconds = Math.floor(whole / 100);
+  return `${Math.floor(seconds / 60)}:${String(seconds % 60).padStart(2, "0")}${rest ? `.${String(rest).padStart(2, "0")}` : ""}`;
+};
 
 /** Whether somebody should look at a frame: refused, or doubtful or not calibrated yet and annotated by nobody. */
 export const isToDo = ([, state, , , , annotated, flag]) => !flag && (state === "refused" || (state !== "calibrated" && !annotated));
@@ -51,7 +55,7 @@ export class FrameList {
       const [id, state, code, sigma, time, annotated, flag] = this.frames[index];
       const told = flag ? flag.replace("_", " ") : state === "refused" ? (code || "refused").replaceAll("_", " ") : sigma === null || sigma === undefined ? (state !== "unknown" ? state : annotated ? "annotated" : "not yet looked at") : `${state}, ${sigma.toFixed(1)} px`;
       const row = make("div", { className: `frame ${state}`, role: "option", ariaSelected: String(index === this.current), id: `frame-${index}`, title: id },
-        make("i", {}), make("span", {}, make("b", { textContent: id }), make("small", { textContent: time === null ? told : `${clock(time)}  ${told}` })), make("em", { textContent: annotated ? "✓" : "", title: annotated ? "annotated" : "" }));
+        make("i", {}), make("span", {}, make("b", {}, make("bdi", { textContent: id, dir: "ltr" })), make("small", { textContent: time === null ? told : `${clock(time)}  ${told}` })), make("em", { textContent: annotated ? "✓" : "", title: annotated ? "annotated" : "" }));
       row.style.top = `${(first + k) * ROW}px`;
       row.addEventListener("click", () => this.open(index));
       return row;
