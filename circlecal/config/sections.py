@@ -25,6 +25,8 @@ AUTO = "auto"
 """Stands for a field template that the picture tells."""
 TOLD_APART = (
     "soccer",
+    "soccer-7",
+    "soccer-9",
     "robocup",
     "robocup-kid",
     "robocup-adult",

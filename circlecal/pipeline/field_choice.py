@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.config import Config, suit_config
-from circlecal.field import FieldTemplate, Ground, load_field
+from circlecal.field import FieldTemplate, Ground, Line, load_field
 from circlecal.observations import Observations
 from circlecal.paint.brightness import brightness_of_paint
 from circlecal.pipeline.attempts import refuse_as_open
@@ -24,6 +24,7 @@ from circlecal.pipeline.field_paint import look_for_paint, recall_evidence
 from circlecal.pipeline.fields import field_of
 from circlecal.pipeline.leagues import may_be_league
 from circlecal.pipeline.likely_sport import Trial, shows_rink_paint, tell_sport
+from circlecal.pipeline.other_fields import has_leagues
 from circlecal.pipeline.placed_field import EXPLAINED_EVIDENCE as PLACED_EVIDENCE
 from circlecal.pipeline.placed_field import EXPLAINED_SHARE as PLACED_SHARE
 from circlecal.pipeline.run import run
@@ -157,10 +158,32 @@ def _try_others(
                 continue
             is_brief = suit_config(config, name).field.any_circle if leagues else _is_seen(answers[1:])
             answer = _weigh(scene, config, calibrate(name, is_brief=is_brief))
+            answer = replace(answer, is_scale_told=has_leagues(template) or _tells_scale(answer.found))
             is_doubtful = grounds[0] == "ice" and template.ground != "ice"
             answers.append(replace(answer, least_explained=EXPLAINED_ON_ICE) if is_doubtful else answer)
         if any(answer.weight > 0.0 for answer in answers[1:]):
             break
+
+
+def _tells_scale(found: FrameCalibration) -> bool:
+    """Whether a camera was fitted to a line or an arc beside circle, halfway line and border, which a pitch of soccer
+    and a smaller one at another scale share.
+
+    With smaller pitches among the fields, two of 80 rendered pitches of soccer were taken for them by circle, halfway
+    line, mark and touchlines; right cameras of eight smaller ones carry two lines of penalty areas at least.
+    """
+    camera, template = found.attempt.camera, found.template
+    if camera is None or template is None:
+        return False
+    border_m = 0.5 * np.array([template.length_m, template.width_m]) - template.marking_width_m
+
+    def lies_inside(line: Line) -> bool:
+        on_border = np.abs(template.line_ends(line)) >= border_m
+        return not bool(on_border.all(axis=0).any())
+
+    telling = {line.name for line in template.lines if lies_inside(line)} - {template.halfway_line}
+    telling |= {arc.name for arc in template.arcs}
+    return any(key.name in telling for key in camera.residuals_px)
 
 
 def _is_seen(answers: Sequence[Answer]) -> bool:
@@ -245,14 +268,15 @@ def _find_rivals(first: FrameCalibration, scene: Scene, config: Config, grounds:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """A calibration under one template, what speaks for it, whether the ground is one of that field, and the least
-    share of the paint that it must explain.
+    """A calibration under one template, what speaks for it, whether the ground is one of that field, the least share of
+    the paint that it must explain, and whether it carries markings that a larger or smaller pitch does not have.
     """
 
     found: FrameCalibration
     candidate: FieldCandidate
     is_at_home: bool = True
     least_explained: float = LEAST_EXPLAINED
+    is_scale_told: bool = True
 
     @property
     def is_painted(self) -> bool:
@@ -266,7 +290,7 @@ class Answer:
         evidence, share = self.candidate.evidence or 0.0, self.candidate.explained_share or 0.0
         least = 0.0 if share >= EXPLAINED_SHARE else PLACED_EVIDENCE
         is_believed = self.is_painted or (evidence > least and share >= PLACED_SHARE)
-        if self.found.status != "calibrated" or not is_believed:
+        if self.found.status != "calibrated" or not is_believed or not self.is_scale_told:
             return 0.0
         return self.candidate.explained_evidence * (1.0 if self.is_at_home else STRANGE_GROUND)
 

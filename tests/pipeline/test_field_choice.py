@@ -70,6 +70,27 @@ def test_of_one_sport_the_sizes_that_explain_most_are_taken(usual, other, taken)
     assert found.fields[1].template == names[1 - taken]
 
 
+def test_a_smaller_pitch_is_told_by_its_own_areas_and_not_by_its_border(monkeypatch):
+    """Circle, halfway line, border and mark are those of a pitch of soccer at another scale."""
+    shared = ("centre_circle", "halfway_line", "side_line_top", "side_line_left", "centre_mark")
+    among = load_config(None, {"field.template": "auto", "field.among": ["soccer", "soccer-9"]})
+    grass, taken = np.full((*SIZE[::-1], 3), (60, 130, 70), np.uint8), {}
+    for carried in (shared, (*shared, "big_rect_left_main")):
+        camera = CameraFit.__new__(CameraFit)
+        object.__setattr__(camera, "residuals_px", {MarkingKey(name): 0.3 for name in carried})
+
+        def weigh(scene, config, found, camera=camera):
+            smaller = answer("soccer-9", 1.5)
+            with_camera = replace(smaller.found, attempt=replace(smaller.found.attempt, camera=camera))
+            return replace(smaller, found=with_camera) if found.field_name == "soccer-9" else answer("soccer", 1.4)
+
+        monkeypatch.setattr(field_choice, "run", lambda image, config, **_: answer(config.field.template).found)
+        monkeypatch.setattr(field_choice, "_weigh", weigh)
+        taken[carried[-1]] = calibrate_unknown_field(grass, among, frame_id="x").field_name
+    assert taken == {"centre_mark": "soccer", "big_rect_left_main": "soccer-9"}
+    assert {"soccer-7", "soccer-9"} < set(Config().field.among)
+
+
 def test_a_court_on_what_looks_like_ice_must_explain_more_of_the_paint(monkeypatch):
     """Half a court was laid into the middle of a rink whose circle is a blurred logo."""
 
