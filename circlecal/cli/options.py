@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -317,10 +317,10 @@ def choose_config(
     return config
 
 
-def folder_of_run(out: Path, digest: str, *, ask: bool, restart: bool, hint: str = "") -> Path:
+def folder_of_run(out: Path, digest: str, *, ask: bool, restart: bool, find_hint: Callable[[], str] = str) -> Path:
     """The folder that was named, or a new one beside it where that holds another run and the user agrees.
 
-    ``hint`` is added to what is said of another run: what may have made it another one.
+    ``find_hint`` is asked where there is another run: what may have made it another one, added to what is said.
 
     Raises
     ------
@@ -335,12 +335,13 @@ def folder_of_run(out: Path, digest: str, *, ask: bool, restart: bool, hint: str
         with ResultLog(out) as log:
             log.take_up(digest)
     except OtherRunError as error:
+        told = f"{error}{find_hint()}"
         if not ask:
-            raise OtherRunError(f"{error}{hint}") from error
+            raise OtherRunError(told) from error
         count = 2
         while (new := out.with_name(f"{out.name}-{count}")).exists():
             count += 1
-        typer.echo(f"circlecal: {error}{hint}", err=True)
+        typer.echo(f"circlecal: {told}", err=True)
         if not typer.confirm(f"Start a new run in {new}?", err=True):
             raise typer.Exit(2) from None
         return new

@@ -96,8 +96,10 @@ def track(
             if not quiet:
                 console.print_note(f"--field auto: {chosen.field.template}")
         run = ClipRun(chosen, sampling, known, full, annotations or out / ANNOTATION_FOLDER)
-        can_ask, hint = console.can_ask() and not quiet, _hint_at_annotations(run)
-        out = options.folder_of_run(out, run.digest, ask=can_ask, restart=restart, hint=hint)
+        ask = console.can_ask() and not quiet
+        out = options.folder_of_run(
+            out, run.digest, ask=ask, restart=restart, find_hint=lambda: _hint_at_annotations(run)
+        )
         with console.resumable(restart=restart), console.progress_display(quiet=quiet) as show:
             report = run_track(
                 videos,

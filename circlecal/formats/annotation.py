@@ -408,7 +408,8 @@ def read_annotations(
     """
     for path in [] if folder is None or not folder.is_dir() else sorted(folder.glob("*.json")):
         try:
-            stored = None if _is_of_another_kind(path) else _load_file(path)
+            content = Content.of(path).raw
+            stored = None if _is_of_another_kind(content) else _store(path, content)
         except InputError as error:
             if on_error is None:
                 raise
@@ -418,10 +419,10 @@ def read_annotations(
             yield stored
 
 
-def _is_of_another_kind(path: Path) -> bool:
-    """Whether a file is sound JSON, and no annotation."""
+def _is_of_another_kind(content: bytes) -> bool:
+    """Whether a file holds sound JSON, and no annotation."""
     try:
-        value = json.loads(Content.of(path).raw)
+        value = json.loads(content)
     except (ValueError, RecursionError):
         return False
     return not isinstance(value, dict) or "annotation_version" not in value
@@ -433,7 +434,10 @@ def digest_annotations(folder: Path | None, on_error: Callable[[InputError], Non
 
 
 def _load_file(path: Path) -> StoredAnnotation:
-    content = Content.of(path).raw
+    return _store(path, Content.of(path).raw)
+
+
+def _store(path: Path, content: bytes) -> StoredAnnotation:
     return StoredAnnotation(parse_annotation(path, content), hashlib.sha256(content).hexdigest()[:12])
 
 

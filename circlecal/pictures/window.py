@@ -31,7 +31,7 @@ def find_window(image: NDArray[np.uint8]) -> Window | None:
     """The window of a picture (H, W, 3) beside which all is plain; None where the picture has no such border."""
     height, width = image.shape[:2]
     top, bottom = _find_ends(image)
-    left, right = _find_ends(np.ascontiguousarray(image[top:bottom].transpose(1, 0, 2)))
+    left, right = _find_ends(image[top:bottom].transpose(1, 0, 2))
     if bottom - top < LEAST_WINDOW * height or right - left < LEAST_WINDOW * width:
         return None
     is_narrow = max(top, height - bottom) < LEAST_BARS * height and max(left, width - right) < LEAST_BARS * width

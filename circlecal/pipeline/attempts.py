@@ -23,6 +23,7 @@ from circlecal.results import (
     Cues,
     EllipseFits,
     Interpretation,
+    LineCue,
     MarkingMask,
     RoughCamera,
     Segment,
@@ -149,12 +150,16 @@ def observe(setting: Setting, ellipses: EllipseFits, cues: Cues, blur_px: float)
         for fit in fits
         if fit is not None
     )
-    seen = (*((cues.halfway,) if cues.halfway is not None else ()), *cues.lines)
-    lines = tuple(
-        LinePoints(line.name, line.points_px, line.sigma_px, line.ends, line.width_px, blur_px) for line in seen
-    )
+    lines = observe_lines((*cues.seen_halfway, *cues.lines), blur_px)
     marks = () if cues.mark is None else (MarkPoint(cues.mark.name, cues.mark.point_px, cues.mark.sigma_px),)
     return Observations(setting.width, setting.height, circles, lines, marks)
+
+
+def observe_lines(lines: Sequence[LineCue], blur_px: float) -> tuple[LinePoints, ...]:
+    """Straight markings as observations, of a picture with this standard deviation of its blur."""
+    return tuple(
+        LinePoints(line.name, line.points_px, line.sigma_px, line.ends, line.width_px, blur_px) for line in lines
+    )
 
 
 def take_observations(setting: Setting, attempt: Attempt, observations: Observations) -> Attempt:

@@ -8,9 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.observations import LinePoints, Observations, join_observations
+from circlecal.observations import Observations, join_observations
 from circlecal.paint.predicted_width import WIDE_PX, blur_widths, predict_line_widths, predict_paint_widths
-from circlecal.pipeline.attempts import calibrate_extra, estimate, look_again, measure, set_apart_other_sports
+from circlecal.pipeline.attempts import (
+    calibrate_extra,
+    estimate,
+    look_again,
+    measure,
+    observe_lines,
+    set_apart_other_sports,
+)
 from circlecal.pipeline.curves import SETTLED_PX, distance_widths, measure_curves, measure_distances, replace_curves
 from circlecal.pipeline.old_coats import leave_out_old_coat, may_have_old_coat
 from circlecal.pipeline.setting import Scene, Setting, lighten_markings
@@ -244,7 +251,7 @@ def add_short_lines(setting: Setting, scene: Scene, attempt: Attempt) -> Iterato
     config = setting.config
     with setting.clock("cues"):
         picture = lighten_markings(scene.marked, mask, setting.circle)
-        seen = (*((cues.halfway,) if cues.halfway is not None else ()), *cues.lines, *cues.others)
+        seen = (*cues.seen_halfway, *cues.lines, *cues.others)
         known = np.array([(line.segment.start, line.segment.end) for line in seen]).reshape(-1, 2, 2)
         runs = find_short_markings(picture, mask, known, config.mask)
         sampling_px = config.cues.search_px, config.cues.spacing_px
@@ -262,8 +269,7 @@ def _estimate_with(setting: Setting, attempt: Attempt, found: tuple[LineCue, ...
     fitted = attempt.fitted
     if fitted is None:
         return attempt
-    blur_px = fitted.edges.blur_px
-    lines = (LinePoints(None, line.points_px, line.sigma_px, (), line.width_px, blur_px) for line in found)
+    lines = observe_lines(found, fitted.edges.blur_px)
     more = replace(fitted.observations, lines=(*fitted.observations.lines, *lines))
     more_cues = replace(fitted.cues, lines=(*fitted.cues.lines, *found))
     return estimate(setting, replace(attempt, cues=more_cues, observations=more, verdict=None))

@@ -275,3 +275,8 @@ class Cues:
     mark: MarkCue | None
     lines: tuple[LineCue, ...] = ()
     others: tuple[LineCue, ...] = ()
+
+    @property
+    def seen_halfway(self) -> tuple[LineCue, ...]:
+        """The halfway line, where it is seen."""
+        return () if self.halfway is None else (self.halfway,)
