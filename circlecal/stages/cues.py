@@ -17,6 +17,7 @@ from circlecal.observations import CircleEdge, LineEnd, LinePoints, Observations
 from circlecal.paint.centre_mark import SeenMark, find_centre_mark, half_chords
 from circlecal.paint.ends import paint_ends
 from circlecal.paint.following import clip_segment, follow_line, widths_at
+from circlecal.paint.hidden_ends import leave_out_hidden_ends
 from circlecal.paint.lines import ONE_ROUND, TWO_ROUNDS, Rounds, measure_lines
 from circlecal.paint.profiles import GrayPicture
 from circlecal.paint.strays import keep_on_course
@@ -184,6 +185,7 @@ def find_cues(
         halfway, lines = None, [line for line in measured if line is not None]
     else:
         halfway, lines = _measure_halfway_line(scene, expected, further)
+        halfway = None if halfway is None else leave_out_hidden_ends(halfway, lines, scene.unit)
     mark = None
     if config.centre_mark and halfway is not None and "centre_mark" in template.mark_by_name:
         mark = _centre_mark(picture, halfway, fit, template, blur_px, config)
