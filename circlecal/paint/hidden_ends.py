@@ -18,9 +18,9 @@ STOP_PX = 20.0
 """Pixels at 1920 px width from the last measured point of a marking within which another one crosses it, for the
 marking to stop there.
 """
-BEYOND_PX = 9.0
-"""Pixels at 1920 px width behind that crossing from which on an end lies behind it: the paint of a halfway line that
-ends on a true border ends at most 6.9 px behind its middle.
+BEYOND_PX = 24.0
+"""Pixels at 1920 px width behind that crossing from which on an end is the boards' above a player: where one stood, a
+rendered line was followed 40 px too far. A border that another sport's line runs beside, 10 px before it, is an end.
 """
 ASIDE_PX = 30.0
 """Pixels at 1920 px width over which the crossing marking is seen on both sides: more than a far player's width."""

@@ -33,6 +33,7 @@ def test_an_end_on_the_boards_behind_a_player_is_left_out():
         (168.0, BOARDS_ROW, (100.0, 1500.0)),  # its paint was measured beyond the other line
         (230.0, BOARDS_ROW, (100.0, 1500.0)),  # it stops before that line
         (202.0, BORDER_ROW - 3.0, (100.0, 1500.0)),  # it ends on that line
+        (202.0, BORDER_ROW - 12.0, (100.0, 1500.0)),  # it ends on a border right behind another sport's
         (202.0, BOARDS_ROW, (100.0, 790.0)),  # the other line is seen on one side only
     ],
 )
