@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from circlecal.errors import InputError
+from circlecal.evaluation.clip_truth import ClipTruth, read_clip_truth
 from circlecal.evaluation.soccernet_metric import CLASSES, MetricCamera, PlaneHomography, Projector
 from circlecal.field import load_field
 from circlecal.field.view import FieldView
@@ -33,6 +34,7 @@ from circlecal.formats.worldcup import SUFFIX as MATRIX_SUFFIX
 from circlecal.geometry.camera import rotation_matrix
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import Surface, SurfaceShape
+from circlecal.pictures.video import frame_id as name_of_frame
 from circlecal.records.json_text import read_result
 from circlecal.records.log import RESULTS_NAME, is_log, leave_out_copies, read_records
 from circlecal.records.record import ResultRecord
@@ -77,6 +79,9 @@ class _FrameTruth(FileModel):
     crown_reference_m: Focal
 
 
+_CLIP_TRUTH = Format(
+    name="circlecal synth --video", recognises=lambda c: c.mapping.keys() >= {"shots", "frames", "tripod"}
+)
 _TRUTH = Format(name="circlecal synth", recognises=lambda c: c.mapping.keys() >= {"expect", "camera", "crown_m"})
 
 
@@ -151,9 +156,9 @@ def read_predictions(folder: Path, size: Size, given_size: Size | None = None) -
     ----------
     folder : path
         ``camera_<id>.json``, results of circlecal (``<id>.json``, ``results.jsonl``), ``<id>.homographyMatrix``,
-        or the truth of frames of ``circlecal synth``; also in subfolders. Of a folder with a ``results.jsonl`` that
-        alone is read, and nothing beside or below it. Of truth soccer frames are read in which enough to calibrate is
-        in view.
+        or the truth of frames and clips of ``circlecal synth``; also in subfolders. Of a folder with a
+        ``results.jsonl`` that alone is read, and nothing beside or below it. Of truth soccer frames are read in which
+        enough to calibrate is in view, of a clip those that show the pitch.
     size : (int, int)
         At which is evaluated.
     given_size : (int, int), optional
@@ -218,6 +223,8 @@ def _read_source(path: Path, size: Size, given_size: Size | None) -> _Held:
     if known is _TRUTH:
         truth = parse_content(_FrameTruth, path, content.raw)
         return _Held(frozenset({truth.id}), _true_camera(path, truth, size), frozenset({truth.field} - {SCORED_FIELD}))
+    if known is _CLIP_TRUTH:
+        return _of_clip(read_clip_truth(path), size)
     found: dict[str, Prediction] = {}
     if known is soccernet_camera.FORMAT:
         keys = parse_content(CameraKeys, path, content.raw)
@@ -241,20 +248,16 @@ def _of_records(records: Iterable[ResultRecord], size: Size) -> _Held:
 
 
 def _open(path: Path) -> tuple[Format, Content]:
-    """Format and content of a file, which may be the truth of a frame of ``circlecal synth``.
+    """Format and content of a file, which may be the truth of a frame or clip of ``circlecal synth``.
 
     Raises
     ------
     InputError
-        Unreadable, of no known format, or the truth of a clip.
+        Unreadable, or of no known format.
     """
     content = Content.of(path)
-    if content.mapping.keys() >= {"shots", "frames", "tripod"}:
-        raise InputError(
-            f"{path}: is the truth of a whole clip, with which no finished run is compared; circlecal bench track PATH "
-            "tracks the clip itself and compares it, and evaluate takes the truth of single frames"
-        )
-    return (_TRUTH, content) if _TRUTH.recognises(content) else open_file(path)
+    known = next((truth for truth in (_TRUTH, _CLIP_TRUTH) if truth.recognises(content)), None)
+    return open_file(path) if known is None else (known, content)
 
 
 def _soccernet(path: Path, keys: CameraKeys, size: Size, given: Size | None) -> MetricCamera:
@@ -330,15 +333,33 @@ def _own_result(stored: ResultRecord, size: Size) -> dict[str, Prediction]:
     return _flat(frame, size)
 
 
+def _of_clip(truth: ClipTruth, size: Size) -> _Held:
+    """The cameras of a rendered clip, by the names that its frames get; none of frames in which no pitch is shown."""
+    ids = [name_of_frame(truth.id, frame.time_s) for frame in truth.frames]
+    if truth.field != SCORED_FIELD:
+        return _Held(frozenset(ids), other_fields=frozenset({truth.field}))
+    found: dict[str, Prediction] = {}
+    for index, identifier in enumerate(ids):
+        camera = truth.camera(index)
+        if camera is not None:
+            found |= _true_view(identifier, FieldView(camera, truth.surface), size)
+    return _Held(frozenset(ids), found)
+
+
 def _true_camera(path: Path, truth: _FrameTruth, size: Size) -> dict[str, Prediction]:
     """The camera of a rendered frame; none of a field or view that is not scored."""
     if truth.field != SCORED_FIELD or truth.expect == "refuse":
         return {}
+    camera = truth.camera.camera(path, (truth.width, truth.height))
+    surface = Surface(truth.crown_shape, truth.crown_reference_m, truth.crown_m)
+    return _true_view(truth.id, FieldView(camera, surface), size)
+
+
+def _true_view(identifier: str, view: FieldView, size: Size) -> dict[str, Prediction]:
+    """A frame of the scored field, as its true camera shows it."""
     template = load_field(SCORED_FIELD)
     circle = template.circle_by_name[template.default_circle]
-    camera = truth.camera.camera(path, (truth.width, truth.height))
-    view = FieldView(camera, Surface(truth.crown_shape, truth.crown_reference_m, truth.crown_m))
-    return _flat(CalibratedFrame(truth.id, truth.width, truth.height, view, template, circle), size)
+    return _flat(CalibratedFrame(identifier, view.camera.width, view.camera.height, view, template, circle), size)
 
 
 def _flat(frame: CalibratedFrame, size: Size) -> dict[str, Prediction]:

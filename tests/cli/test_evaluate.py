@@ -136,9 +136,29 @@ def test_rendered_frames_and_results(run_circlecal, run_of_samples, tmp_path):
         (samples / "truth" / "full_circle.json").write_text(json.dumps(truth | change))
         outcome = run_circlecal("evaluate", samples / "truth", run_of_samples)
         assert outcome.code == 2 and words in " ".join(outcome.err.split())
-    (samples / "truth" / "full_circle.json").write_text(json.dumps({"shots": [], "tripod": {}, "frames": []}))
-    told = " ".join(run_circlecal("evaluate", samples / "truth", run_of_samples).err.split())
-    assert "with which no finished run is compared; circlecal bench track PATH tracks the clip itself" in told
+
+
+def test_the_truth_of_a_clip(run_circlecal, tmp_path):
+    run_circlecal("synth", tmp_path / "clips", "--video", "still", "--seconds", 0.2, "--size", "320x180")
+    (path,) = (tmp_path / "clips" / "truth").iterdir()
+    truth = json.loads(path.read_text())
+    (tmp_path / "found").mkdir()
+    # of the five frames two are answered well, and a third one metre off
+    for index, off_m in {1: 0.0, 2: 0.0, 4: 1.0}.items():
+        camera = truth["frames"][index]["camera"]
+        camera["position_meters"][0] += off_m
+        size = {"image_width": 320, "image_height": 180}
+        name = f"camera_{truth['id']}_00-00-00.{40 * index:03d}.json"
+        (tmp_path / "found" / name).write_text(json.dumps(camera | size))
+    found = methods_of(run_circlecal("evaluate", tmp_path / "clips", tmp_path / "found", "--json"))["found"]
+    assert (found["frames"], found["answered"]) == (5, 3)
+    assert found["ground_m"][0] < 0.1 and 0.5 < found["ground_m"][1] < 1.5
+    path.write_text(json.dumps(truth | {"pitch": {"length_m": "long"}}))
+    told = run_circlecal("evaluate", tmp_path / "clips", tmp_path / "found")
+    assert told.code == 2 and "pitch.length_m" in told.err and "render the clip again" in " ".join(told.err.split())
+    path.write_text(json.dumps(truth | {"field": "futsal"}))
+    told = run_circlecal("evaluate", tmp_path / "clips", tmp_path / "found")
+    assert told.code == 2 and "holds cameras of futsal" in " ".join(told.err.split())
 
 
 def test_other_annotations_are_no_truth(run_circlecal, folders, tmp_path):

@@ -12,21 +12,19 @@ from typing import TypeVar
 
 import cv2
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError
 
 from circlecal.config import Config, suit_config
-from circlecal.errors import InputError, reading_failure
+from circlecal.errors import InputError
+from circlecal.evaluation.clip_truth import ClipTruth, read_clip_truth
 from circlecal.field.view import FieldView
-from circlecal.geometry.camera import Camera, camera_from_soccernet
+from circlecal.geometry.camera import Camera
 from circlecal.geometry.camera_parameters import ProjectionModel, project
 from circlecal.geometry.projective import Array
-from circlecal.geometry.surface import Surface, SurfaceShape
 from circlecal.pictures.video import Sampling, Video, pictures_at
 from circlecal.pipeline import field_of
-from circlecal.records.parts import CameraRow
 from circlecal.synthetic.clip_files import write_clips
 from circlecal.synthetic.dataset import TRUTH_FOLDER
-from circlecal.synthetic.video import ClipKind, ClipSpec, ShotKind
+from circlecal.synthetic.video import ClipKind, ClipSpec
 from circlecal.tracking.clip import track_frames
 from circlecal.tracking.clock import Stage, StageClock
 from circlecal.tracking.entry import ClipFrame
@@ -43,57 +41,6 @@ CHI2_90 = 4.605
 SECOND_DIFFERENCE = float(np.sqrt(6.0))
 """Standard deviation of a second difference of independent values of unit variance: 1 + 4 + 1 under the root."""
 T = TypeVar("T")
-
-
-class _Part(BaseModel):
-    model_config = ConfigDict(extra="ignore", frozen=True, allow_inf_nan=False)
-
-
-class _Pitch(_Part):
-    length_m: float
-    width_m: float
-    crown_m: float
-    crown_shape: SurfaceShape
-    crown_reference_m: float
-
-
-class _FrameTruth(_Part):
-    time_s: float
-    shot: ShotKind
-    camera: CameraRow | None = None
-
-
-class ClipTruth(_Part):
-    """What :func:`circlecal.synthetic.clip_files.write_clip` writes beside a clip, as far as it is compared."""
-
-    id: str
-    kind: str
-    width: int
-    height: int
-    rate: float
-    field: str = "soccer"
-    pitch: _Pitch
-    frames: list[_FrameTruth]
-
-    @property
-    def surface(self) -> Surface:
-        """The crowned pitch."""
-        return Surface(self.pitch.crown_shape, self.pitch.crown_reference_m, self.pitch.crown_m)
-
-    def camera(self, index: int) -> Camera | None:
-        """True camera of a frame; None in a cut."""
-        keys = self.frames[index].camera
-        return None if keys is None else camera_from_soccernet(keys.model_dump(), self.width, self.height)
-
-    def turn_field(self) -> ClipTruth:
-        """The truth of the field turned by 180 degrees, which looks as it is."""
-        cameras = [self.camera(index) for index in range(len(self.frames))]
-        rows = [
-            None if camera is None else CameraRow.model_validate(camera.turn_field().soccernet(), strict=False)
-            for camera in cameras
-        ]
-        turned = [frame.model_copy(update={"camera": row}) for frame, row in zip(self.frames, rows, strict=True)]
-        return self.model_copy(update={"frames": turned})
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,14 +142,7 @@ def clips_of(folder: Path) -> list[tuple[Path, ClipTruth]]:
     """
     found = []
     for path in sorted(folder.glob("*.mp4")):
-        file = folder / TRUTH_FOLDER / f"{path.stem}.json"
-        try:
-            found.append((path, ClipTruth.model_validate_json(file.read_bytes())))
-        except OSError as error:
-            raise InputError(f"{file}: cannot be read: {reading_failure(error)}; render the clip again") from error
-        except ValidationError as error:
-            where = ".".join(str(part) for part in error.errors()[0]["loc"])
-            raise InputError(f"{file}: {where}: {error.errors()[0]['msg']}; render the clip again") from error
+        found.append((path, read_clip_truth(folder / TRUTH_FOLDER / f"{path.stem}.json")))
     if not found:
         raise InputError(f"{folder}: holds no clip; give a folder of circlecal synth --video")
     return found
