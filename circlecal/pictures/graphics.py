@@ -29,7 +29,7 @@ picture of a court is found.
 HEIGHTS = (0.025, 0.3)
 """Least and largest height of a band, picture heights."""
 TRIM = 0.02
-"""Largest height of a stripe along the upper edge, picture heights."""
+"""Largest height of a stripe along a box's upper or lower edge, picture heights."""
 OVERLAP = 0.8
 """Share of the shorter edge's columns that lie below or above the other edge."""
 PLAIN_LEVELS, PLAIN_SHARE = 14.0, 0.5
@@ -138,7 +138,14 @@ def _find_boxes(image: NDArray[np.uint8], edges: list[Band], light_edges: list[B
     is_field = [_is_field_beside(image, box, found) or _is_strip_of_field(image, box, found) for box in found]
     kept = [box for box, is_none in zip(found, is_field, strict=True) if not is_none]
     # their stripes may have been counted to a strip of field above, as long as that was taken for a box
-    return [replace(box, top=min(box.top, _top_with_stripes(box, edges, kept, height))) for box in kept]
+    return [
+        replace(
+            box,
+            top=min(box.top, _top_with_stripes(box, edges, kept, height)),
+            bottom=_bottom_with_stripe(box, edges, kept, height),
+        )
+        for box in kept
+    ]
 
 
 def _top_with_stripes(box: Band, edges: list[Band], others: list[Band], height: int) -> int:
@@ -146,6 +153,19 @@ def _top_with_stripes(box: Band, edges: list[Band], others: list[Band], height: 
     above = [edge for edge in edges if edge.top < box.top]
     taken = (other.bottom + 1 for other in others if other.top < box.top)
     return max([_uppermost(above, box.top, height), *taken])
+
+
+def _bottom_with_stripe(box: Band, edges: list[Band], others: list[Band], height: int) -> int:
+    """The last row of a box with the narrow stripe along its lower edge, which ends where the box does, at most up to
+    one of the others: what is narrower than a box of its own without the rims of both.
+    """
+    most = box.bottom + round(TRIM * height)
+    taken = min((other.top for other in others if other.top > box.bottom), default=height)
+    for edge in edges:
+        is_as_wide = max(abs(edge.left - box.left), abs(edge.right - box.right)) <= JOINED
+        if box.bottom < edge.top and edge.bottom <= min(most, taken - 1) and is_as_wide:
+            return edge.bottom
+    return box.bottom
 
 
 def _is_strip_of_field(image: NDArray[np.uint8], box: Band, found: list[Band]) -> bool:

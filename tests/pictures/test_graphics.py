@@ -236,6 +236,14 @@ def test_a_narrow_stripe_of_another_colour_under_a_box_is_its_lower_part():
     assert max(abs(upper.top - 200), abs(upper.bottom - 240), abs(lower.top - 241), abs(lower.bottom - 252)) <= 3
 
 
+@pytest.mark.parametrize(("columns", "bottom"), [((0, 640), 246), ((200, 640), 240)])
+def test_a_stripe_too_narrow_for_a_box_belongs_to_the_box_above_where_it_is_as_wide(columns, bottom):
+    image = with_box(field(0.05))
+    image[241:247, slice(*columns)] = (125, 40, 60)
+    (band,) = find_bands(image)
+    assert abs(band.bottom - bottom) <= 2
+
+
 @pytest.mark.parametrize(("gain", "count"), [(1.7, 2), (1.1, 1)])
 def test_a_box_of_the_fields_hue_that_is_lighter_than_the_field_anywhere_is_seen_behind_another(gain, count):
     image = with_box(field(0.05))
