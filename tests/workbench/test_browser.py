@@ -125,7 +125,10 @@ def of_ten_thousand_frames_only_those_in_view_are_drawn(browser):
           list.frames = Array.from({ length: 10000 }, (_, k) => [`f${k}`, states[k % 3], null, 3.5, null, false, null]);
           list.keep("", ""); list.select(9000);
           const nodes = rows.children.length, there = rows.textContent.includes("f9000");
-          list.step(1); list.keep("refused", "f99"); const few = list.shown.length; list.keep("", "");
+          list.step(1);
+          list.keep("refused", ""); list.current = 301;  // left the list, between the refused 300 and 303
+          list.step(1); list.current = 301; list.step(-1); list.current = 9999; const beyond = list.step(1);
+          list.keep("refused", "f99"); const few = list.shown.length; list.keep("", "");
           box.style.width = "150px"; box.scrollTop = 0;
           list.frames = [["a_clip_with_a_long_name_00-00-00.040", ...list.frames[0].slice(1)]]; list.keep("", "");
           const place = (tag) => rows.querySelector(tag).getBoundingClientRect();
@@ -135,11 +138,11 @@ def of_ten_thousand_frames_only_those_in_view_are_drawn(browser):
           const clocks = [0.04, 61.96, 59.999, 120].map(clock);
           const asked = (state, done) => isToDo(["f", state, null, 20, null, done, null]);
           const todo = [...states, "unknown"].map((state) => [asked(state, false), asked(state, true)]);
-          return { nodes, there, opened, few, todo, cut, clocks };
+          return { nodes, there, opened, beyond, few, todo, cut, clocks };
         });
         """
     )
-    assert told["nodes"] < 40 and told["there"] and told["opened"] == [9001]
+    assert told["nodes"] < 40 and told["there"] and told["opened"] == [9001, 303, 300] and not told["beyond"]
     asked = "a refused frame is to do, a doubtful or unseen one until somebody annotates it"
     assert told["todo"] == [[True, True], [True, False], [False, False], [True, False]], asked
     assert told["cut"]["before"] > 20 and told["cut"]["behind"] < 1, "ids of a clip's frames differ at their end"
@@ -302,6 +305,42 @@ def test_a_change_that_cannot_be_saved_is_kept_until_it_can_or_is_given_up(brows
     browser.run("document.getElementById('drop').click()")
     browser.wait(f"{TITLE} !== '{name}' && {READY}")
     assert stored(out, "good")["note"] == "mine"
+    browser.console()
+
+
+def test_keys_of_other_layouts_and_keys_held_down(browser, serve, folder, tmp_path):
+    go_to(browser, serve(folder, "--out", tmp_path)[1], "good")
+
+    def press(**event) -> None:
+        browser.run(
+            "document.activeElement.blur(); document.body.dispatchEvent("
+            f"new KeyboardEvent('keydown', Object.assign({json.dumps(event)}, {{ bubbles: true }})))"
+        )
+
+    def is_ticked() -> bool:
+        return browser.run("return document.getElementById('show-heat').checked")
+
+    chosen = "return document.querySelectorAll('.pick[aria-pressed=true]').length"
+    before = is_ticked()
+    press(key="ь", code="KeyM")  # m on a Russian keyboard
+    assert is_ticked() != before
+    press(key="M", code="KeyM")  # with Caps Lock
+    assert is_ticked() == before
+    press(key="]", code="Digit6", altKey=True)  # as a German Mac has it
+    assert browser.run(chosen) == 1
+    press(key="Escape")
+    press(key="]", code="Digit9", altKey=True, ctrlKey=True)  # AltGr, as Windows has it
+    assert browser.run(chosen) == 1
+    press(key="Escape")
+    note(browser, "windy")
+    browser.wait(SAVED)
+    browser.wait(f"{READY}")
+    press(key="я", code="KeyZ", ctrlKey=True)
+    assert browser.run("return document.getElementById('note').value") == ""
+    browser.wait(SAVED)
+    revision = stored(tmp_path, "good")["revision"]
+    press(key="y", code="KeyY", repeat=True)  # held down
+    assert browser.run(f"return {TITLE}") == "good" and stored(tmp_path, "good")["revision"] == revision
     browser.console()
 
 

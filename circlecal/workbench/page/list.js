@@ -34,10 +34,13 @@ export class FrameList {
     this.rows.style.height = `${ROW * this.shown.length}px`;
     this.draw();
   }
+  // a frame that has left the list by what was done to it keeps its place between those before and behind it
   step(by, only = () => true) {
-    const from = this.shown.indexOf(this.current);
-    for (let k = from + by; k >= 0 && k < this.shown.length; k += by) if (only(this.frames[this.shown[k]])) { this.open(this.shown[k]); return true; }
-    return false;
+    const ahead = by > 0 ? this.shown.filter((k) => k > this.current) : this.shown.filter((k) => k < this.current).reverse();
+    const next = ahead.find((k) => only(this.frames[k]));
+    if (next === undefined) return false;
+    this.open(next);
+    return true;
   }
   select(index) {
     this.current = index;

@@ -204,7 +204,10 @@ export class Stage {
       const told = answer.markings[number] || {};
       const kind = [told.contradicts && "wrong", !marking.used && "offered", marking.name && marking.used && "named", told.recognised && "recognised", number === chosen && "chosen"].filter(Boolean).join(" ");
       const lines = marking.kind !== "point" && (marking.source !== "clicked" || marking.kind === "line");
-      if (lines) nodes.push(shape("path", { class: `traced ${kind}`, d: path(pieces(marking)) }));
+      if (lines) {
+        const line = path(pieces(marking));
+        nodes.push(shape("path", { class: "under", d: line }), shape("path", { class: `traced ${kind}`, d: line }));
+      }
       if (marking.kind === "point" || marking.source !== "measured") {
         const few = marking.points_px.length <= 40;
         marking.points_px.forEach(([x, y], k) => {

@@ -325,50 +325,66 @@ const fill = () => {
 
 // --- keys
 
+// What was pressed, whatever the layout: capitals as small letters, and letters of other scripts by their place.
+const keyOf = ({ key, code }) => {
+  if (key.length > 1) return key;
+  if (key.codePointAt(0) < 128) return key.toLowerCase();
+  const place = /^(?:Key([A-Z])|Digit([0-9]))$/.exec(code || "");
+  return place ? (place[1] || place[2]).toLowerCase() : key;
+};
+const BRACKETS = { "[": -1, ",": -1, "]": 1, ".": 1 };
+const AT_ONCE = "axy";  // a key that is held down says them once
 const step = (event) => ({ ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] })[event.key];
 const onKey = (event) => {
   if (document.querySelector("dialog[open]")) return;
   if (event.target.matches("input:not([type=checkbox]):not([type=file]), select, textarea")) { if (event.key === "Escape") event.target.blur(); return; }
-  const command = event.ctrlKey || event.metaKey;
+  const key = keyOf(event), along = BRACKETS[key];
+  // brackets are typed with Option or AltGr on many keyboards
+  const command = (event.ctrlKey || event.metaKey) && !(along && event.altKey);
   if (command && annotation) {
-    if (event.key.toLowerCase() === "z" && !event.shiftKey) undo(past, future);
-    else if (event.key.toLowerCase() === "y" || event.key.toLowerCase() === "z") undo(future, past);
+    if (key === "z" && !event.shiftKey) undo(past, future);
+    else if (key === "y" || key === "z") undo(future, past);
     else return;
     event.preventDefault();
     return;
   }
-  if (command || event.altKey) return;
-  const go = { n: nextToDo, j: () => list.step(1), k: () => list.step(-1) }[event.key];
+  if (command || (event.altKey && !along) || (event.repeat && AT_ONCE.includes(key))) return;
+  const go = { n: nextToDo, j: () => list.step(1), k: () => list.step(-1) }[key];
   if (go) { go(); event.preventDefault(); return; }
   if (!annotation) return;
   const onStage = document.activeElement === by("stage") || document.activeElement === document.body;
   const arrow = step(event), marking = annotation.markings[chosen];
-  const own = field.markings.find((m) => m.key === event.key);
+  const own = field.markings.find((m) => m.key === key);
   const tick = (id) => { by(id).checked = !by(id).checked; by(id).dispatchEvent(new Event("change")); };
-  if (event.key === " " && onStage) { stage.withSpace = true; }
+  if (key === " " && onStage) { stage.withSpace = true; }
   else if (arrow && onStage) {
     if (marking?.source === "clicked" || marking?.kind === "point") { const size = event.shiftKey ? 1 : 0.1; nudge(size * arrow[0], size * arrow[1]); }
     else { const size = event.shiftKey ? 1 : 10; stage.moveCross(size * arrow[0], size * arrow[1]); tellUnder(stage.cross); draw(); }
-  } else if (event.key === "Enter" && onStage && stage.cross) guarded(clicked)(stage.cross, { exact: event.shiftKey });
-  else if (event.key === "Escape") { chosen = -1; active = null; draw(); }
-  else if (event.key === "[" || event.key === "]") { const order = listOrder(), n = order.length, at = order.indexOf(chosen); if (n) chosen = order[(at + (event.key === "]" ? 1 : at < 0 ? 0 : -1) + n) % n]; active = null; draw(); }
+  } else if (key === "Enter" && onStage && stage.cross) guarded(clicked)(stage.cross, { exact: event.shiftKey });
+  else if (key === "Escape") { chosen = -1; active = null; draw(); }
+  else if (along) { const order = listOrder(), n = order.length, at = order.indexOf(chosen); if (n) chosen = order[(at + (along > 0 ? 1 : at < 0 ? 0 : -1) + n) % n]; active = null; draw(); }
   else if (own) pick(own.name);
-  else if (event.key === "a") accept();
-  else if (event.key === "x" || event.key === "Delete" || event.key === "Backspace") { if (marking) { const k = chosen; chosen = -1; named(k, null); } }
-  else if (event.key === "y") guarded(confirm)();
-  else if (event.key === "v") tick("show-template");
-  else if (event.key === "m") tick("show-heat");
-  else if (event.key === "g") tick("show-magnifier");
-  else if (event.key === "s") tick("snap");
-  else if (event.key === "f") stage.fit();
-  else if (event.key === "+" || event.key === "=") stage.zoomAt(1.25);
-  else if (event.key === "-") stage.zoomAt(0.8);
-  else if (event.key === "?") by("keys").showModal();
+  else if (key === "a") accept();
+  else if (key === "x" || key === "Delete" || key === "Backspace") { if (marking) { const k = chosen; chosen = -1; named(k, null); } }
+  else if (key === "y") guarded(confirm)();
+  else if (key === "v") tick("show-template");
+  else if (key === "m") tick("show-heat");
+  else if (key === "g") tick("show-magnifier");
+  else if (key === "s") tick("snap");
+  else if (key === "f") stage.fit();
+  else if (key === "+" || key === "=") stage.zoomAt(1.25);
+  else if (key === "-") stage.zoomAt(0.8);
+  else if (key === "?") by("keys").showModal();
   else return;
   event.preventDefault();
 };
 
-const nextToDo = () => { if (!list.step(1, isToDo)) by("saved").textContent = "no further frame to do"; };
+const nextToDo = () => {
+  if (list.step(1, isToDo)) return;
+  const first = list.shown.find((k) => k < list.current && isToDo(list.frames[k]));
+  if (first !== undefined) list.open(first);
+  else by("saved").textContent = list.frames.some(isToDo) ? "no other frame to do in this list" : "no frame is left to do";
+};
 const setTheme = (name) => {
   if (name) document.documentElement.dataset.theme = name;
   const dark = name ? name === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
