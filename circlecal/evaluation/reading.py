@@ -43,6 +43,8 @@ SCORED_FIELD = "soccer"
 """The field whose markings and sizes the metrics have."""
 USUAL_SIZES: tuple[Size, ...] = ((640, 360), (960, 540), (1280, 720), (1920, 1080), (3840, 2160))
 SIZE_TOLERANCE = 0.06
+MEET = " x "
+"""Between the names of two lines in that of the place where they meet."""
 CENTRAL_CLASS, HALFWAY_CLASS = "Circle central", "Middle line"
 _MAX_LINES_CENTRAL = 2
 
@@ -86,7 +88,8 @@ _TRUTH = Format(name="circlecal synth", recognises=lambda c: c.mapping.keys() >=
 
 
 def read_annotated_points(folder: Path, size: Size) -> dict[str, Annotated]:
-    """Annotated points (N, 2) in pixels at ``size``, by frame and class; empty classes are left out.
+    """Annotated points (N, 2) in pixels at ``size``, by frame and class, without empty classes, marks and meets of
+    lines: circlecal writes these beside SoccerNet's classes, and the metric does not have them.
 
     Raises
     ------
@@ -97,12 +100,15 @@ def read_annotated_points(folder: Path, size: Size) -> dict[str, Annotated]:
     files = [path for path in files if not path.name.startswith(("camera_", "extremities_"))]
     found: dict[str, Annotated] = {}
     places = _Places()
+    marks = load_field(SCORED_FIELD).mark_by_name
     for path in files:
         known, content = open_file(path)
         if known is not soccernet.FORMAT:
             continue
         classes: dict[str, Array] = {}
         for shape in soccernet.read(path, content.raw, size)[0].shapes:
+            if shape.label in marks or MEET in shape.label:
+                continue
             if shape.label not in CLASSES:
                 raise InputError(f"{path}: {shape.label}: is no class of SoccerNet; correct its spelling")
             earlier = classes.get(shape.label, np.zeros((0, 2)))

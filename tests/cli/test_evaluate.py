@@ -161,6 +161,21 @@ def test_the_truth_of_a_clip(run_circlecal, tmp_path):
     assert told.code == 2 and "holds cameras of futsal" in " ".join(told.err.split())
 
 
+def test_marks_that_annotate_exports_are_passed_over(run_circlecal, folders, tmp_path):
+    annotated, exact, _ = folders
+    before = methods_of(run_circlecal("evaluate", annotated, exact, "--json"))
+    marked = tmp_path / "marked"
+    marked.mkdir()
+    for path in annotated.glob("*.json"):
+        content = json.loads(path.read_text())
+        content["centre_mark"] = content["side_line_top x halfway_line"] = [{"x": 0.5, "y": 0.5}]
+        (marked / path.name).write_text(json.dumps(content))
+    assert methods_of(run_circlecal("evaluate", marked, exact, "--json")) == before
+    (marked / path.name).write_text(json.dumps(content | {"Midle line": [{"x": 0.5, "y": 0.5}]}))
+    told = run_circlecal("evaluate", marked, exact)
+    assert told.code == 2 and "Midle line: is no class of SoccerNet" in " ".join(told.err.split())
+
+
 def test_other_annotations_are_no_truth(run_circlecal, folders, tmp_path):
     _, exact, _ = folders
     (tmp_path / "keypoints").mkdir()
