@@ -129,6 +129,7 @@ def _read_field(path: Path, changed_ns: int, sizes: tuple[tuple[str, float], ...
     if path.parent == field_folder():
         return template
     _require_sport(template.sport, path)
+    _require_config(template.config, path)
     return complete_facts(template)
 
 
@@ -146,6 +147,21 @@ def _require_sport(sport: str | None, path: Path) -> None:
     names = {word for name in known for word in (name.lower(), *name.lower().split())}
     if difflib.get_close_matches(sport.lower(), names, n=1, cutoff=LEAST_LIKENESS):
         raise ConfigError(f"{path}: sport: {sport!r} is unknown; known: {', '.join(known)}")
+
+
+def _require_config(config: str | None, path: Path) -> None:
+    """See that the configuration that a template brings is one of the package's, or a file.
+
+    Raises
+    ------
+    ConfigError
+        It is neither.
+    """
+    shipped = field_folder().parent
+    if config is None or is_file(Path(config)) or is_file(shipped / f"{config}.yaml"):
+        return
+    known = ", ".join(sorted(file.stem for file in shipped.glob("*.yaml")))
+    raise ConfigError(f"{path}: config: {config!r} is no file and no known name; known: {known}")
 
 
 def complete_facts(template: FieldTemplate) -> FieldTemplate:

@@ -71,3 +71,16 @@ def test_all_missing_keys_of_a_template_are_listed_at_once(tmp_path, run_circlec
     assert "mine.yaml: halfway_line (a line's name, or null) is missing" in run_circlecal("fields", mine).err
     assert run_circlecal("fields", "--draw", tmp_path / "drawn", "futsal").code == 0
     assert [path.name for path in (tmp_path / "drawn").iterdir()] == ["futsal.png"]
+
+
+def test_a_template_with_an_unknown_configuration_is_told_by_its_own_name(tmp_path, run_circlecal):
+    mine = tmp_path / "mine.yaml"
+    text = (field_folder() / "handball.yaml").read_text()
+    mine.write_text("\n".join("config: nosuch" if line.startswith("config:") else line for line in text.split("\n")))
+    told = f"circlecal: error: {mine}: config: 'nosuch' is no file and no known name; known: annotations, basketball, "
+    for command in (("fields", mine), ("config", "--set", f"field.template={mine}")):
+        outcome = run_circlecal(*command)
+        assert (outcome.code, outcome.out) == (2, "")
+        assert outcome.err.startswith(told)
+    mine.write_text(mine.read_text().replace("nosuch", "tribune"))
+    assert run_circlecal("fields", mine).code == 0

@@ -223,6 +223,7 @@ RULES = {
             "goal_line": (40, 1, 40, 1),
             "restraining_line": (20, 30, 20, 30),
             "wing_line": (10, 20, 10, 20),
+            "box": (55, 20, 20, 20),
             "halfway_line": (0, 30, 0, 30),
             "side_line": (55, 30, 55, 30),
         },
@@ -312,6 +313,14 @@ def test_the_rim_of_a_disc_is_an_edge():
     template = load_field("curling")
     house = template.circle_by_name["twelve_foot_left"]
     assert {template.radius(house, edge) for edge in ("outer", "center", "inner")} == {house.radius_m}
+
+
+def test_a_hog_line_lies_beyond_its_inner_edge_towards_the_middle_of_the_sheet():
+    """A stone is in play where it clears the inner edge, which is the one towards the house, 21 ft before the tee."""
+    template = load_field("curling")
+    for side, sign in (("left", -1.0), ("right", 1.0)):
+        line = template.line_ends(template.line_by_name[f"hog_line_{side}"])
+        assert line[0, 0] == pytest.approx(sign * (36 * FT - 2 * INCH * FT), abs=1e-4)
 
 
 def test_a_sport_without_a_circle_says_so():

@@ -9,9 +9,9 @@ from circlecal.detection.ridges import RidgePoints
 from circlecal.field import load_field
 from circlecal.field.view import FieldView
 from circlecal.observations import MarkingKey
-from circlecal.pipeline import calibrate_image
+from circlecal.pipeline import calibrate_image, other_fields
 from circlecal.pipeline.other_fields import FIELD_RATIO, has_leagues
-from circlecal.placement import Outlines, SeenPaint, SurfaceRidges, lay_over_view
+from circlecal.placement import Outlines, SeenPaint, SurfaceRidges, ViewEvidence, lay_over_view
 from circlecal.placement.paint_maps import _map_ridges
 from circlecal.synthetic.cameras import aim_camera
 from circlecal.synthetic.sampling import render_frame
@@ -71,3 +71,34 @@ def test_a_field_with_colours_is_laid_over_paint_of_which_none_is_told():
     conic = np.diag([1.0 / 60.0**2, 1.0 / 25.0**2, -1.0])
     seen = lay_over_view(FieldView(camera), futsal.circles[0], conic, futsal, rink, paint)
     assert np.isfinite(seen.evidence)
+
+
+def test_a_camera_whose_markings_are_bare_is_refused_where_no_other_field_is_laid(monkeypatch):
+    """A house of curling was seen from its other side, 17 m off: a quarter of what that camera put into view was
+    painted, and the sport has no other field to be compared with.
+    """
+    bare = ViewEvidence(-0.3, 0.23, 0.77, bare_widths=0.36, found_widths=0.42)
+    monkeypatch.setattr(other_fields, "weigh_view", lambda view, template, paint: bare)
+    assert calibrate_court("basketball-nba", 4).verdict.code == "markings_missing"
+
+
+@pytest.mark.parametrize(("explained", "code"), [(0.55, "other_field"), (0.96, None)])
+def test_where_much_paint_is_unexplained_other_fields_are_laid_about_every_circle_alike(explained, code, monkeypatch):
+    """Rinks of another league were calibrated 50 to 880 px off about a wrong face-off circle, where the right league
+    fits no better; about the circle that was seen twice as much speaks for it.
+    """
+    own = ViewEvidence(0.66, 0.91, explained, found_widths=1.19)
+    right = ViewEvidence(1.38, 0.95, 0.96, found_widths=2.38)
+    about = list[tuple[str, tuple[float, float]]]()
+
+    def lay(attempt, template, circle, paint, others):
+        about.append((circle.name, tuple(attempt.camera.camera.position_m[:2] - circle.center)))
+        return [own if len(about) == 1 else right for _ in others]
+
+    monkeypatch.setattr(other_fields, "weigh_view", lambda view, template, paint: own)
+    monkeypatch.setattr(other_fields, "lay_over_attempt", lay)
+    assert calibrate_court("basketball-nba", 4).verdict.code == code
+    names, places = zip(*about, strict=True)
+    assert len(set(names)) == len(names)
+    assert (len(names) > 1) == (code is not None)
+    np.testing.assert_allclose(places, [places[0]] * len(places), atol=1e-9)
