@@ -8,7 +8,10 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from circlecal.files import write_atomic_parts
+from circlecal.geometry.camera_parameters import INDEX
 from circlecal.names import as_cell
 from circlecal.records.parts import HeadRecord, TrackRecord
 from circlecal.records.record import ResultRecord
@@ -37,6 +40,16 @@ def _size(name: str) -> _Read:
     def read(record: ResultRecord) -> Any:
         size = None if record.camera is None else record.camera.field_size
         return None if size is None else getattr(size, name)
+
+    return read
+
+
+def _angle_sigma(name: str) -> _Read:
+    def read(record: ResultRecord) -> Any:
+        told = None if record.camera is None else record.camera.covariance
+        if told is None or name not in told.parameters or not told.is_known:
+            return None
+        return float(np.degrees(np.sqrt(told.full()[INDEX[name], INDEX[name]])))
 
     return read
 
@@ -73,6 +86,9 @@ COLUMNS: dict[str, _Read] = {
     "pan_deg": _camera("pan_degrees"),
     "tilt_deg": _camera("tilt_degrees"),
     "roll_deg": _camera("roll_degrees"),
+    "pan_sigma_deg": _angle_sigma("pan"),
+    "tilt_sigma_deg": _angle_sigma("tilt"),
+    "roll_sigma_deg": _angle_sigma("roll"),
     "focal_x_px": _camera("x_focal_length"),
     "focal_y_px": _camera("y_focal_length"),
     "x_m": _camera("position_meters", 0),

@@ -17,6 +17,7 @@ from pydantic import ConfigDict, Field
 
 from circlecal.field.view import FieldView
 from circlecal.geometry.camera import PlaneCamera
+from circlecal.geometry.camera_parameters import INDEX
 from circlecal.observations import Observations
 from circlecal.records.parts import (
     AlternativeRecord,
@@ -170,7 +171,15 @@ class ResultRecord(ResultRow):
         if self.camera is None or self.field is None:
             return None, None
         size, sizes = self.camera.field_size, self.field.sizes or {}
-        return (sizes.get("length"), sizes.get("width")) if size is None else (size.length_m, size.width_m)
+        if size is not None:
+            return size.length_m, size.width_m
+        # a camera that frames share, or a venue, has sizes of its own, which it tells beside its other parameters
+        told, stated = self.camera.covariance, (sizes.get("length"), sizes.get("width"))
+        if told is None or not told.is_known or None in stated:
+            return stated
+        growth = told.theta()[[INDEX["length"], INDEX["breadth"]]].tolist()
+        length_m, width_m = (None if s is None else s + grown for s, grown in zip(stated, growth, strict=True))
+        return length_m, width_m
 
     @property
     def seen(self) -> Observations | None:

@@ -391,6 +391,17 @@ class TripodEstimate:
         surface = replace(self.surface, crown_m=float(theta[CROWN]))
         return FieldView(camera_of(theta, model.projection), surface, self.growth_m.copy(), covariance)
 
+    def widen_head(self, own_covariance: Array, cross: Array, by_errors: Array | None = None) -> Array:
+        """Covariance (3, 3) of a frame's own parameters with what the tripod leaves open; parameters as for
+        :meth:`view`.
+        """
+        shared = self.covariance if by_errors is None or self.painters is None else self.painters.covariance
+        covariance = own_covariance + cross @ shared @ cross.T
+        if by_errors is not None:
+            moved = by_errors[:3] + cross @ by_errors[3:]
+            covariance = covariance + moved @ moved.T
+        return np.asarray(covariance)
+
 
 @dataclass(frozen=True, slots=True)
 class Venue:

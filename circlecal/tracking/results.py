@@ -26,7 +26,7 @@ class Head:
     log_focal : float
         Logarithm of the focal length in pixels.
     covariance : (3, 3) array
-        Of the logarithm of the focal length, pan and tilt, in this order, for the tripod as it is estimated.
+        Of the logarithm of the focal length, pan and tilt, in this order, with what the tripod leaves open of them.
     """
 
     pan_rad: float

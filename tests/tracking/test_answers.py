@@ -56,6 +56,24 @@ def test_a_frame_without_paint_follows_the_tripod_as_its_neighbours_do() -> None
     assert between < 1.2 * max(before, after)
 
 
+def test_sigmas_of_the_head_hold_what_the_tripod_leaves_open() -> None:
+    """Paint told each frame's head within a thousandth, had the tripod been known; it leaves a hundredth open."""
+    told, open_sd = 1e-3, 1e-2
+    camera = tripod()
+    spread = np.zeros((len(COMMON), len(COMMON)))
+    spread[PLACE["axis_x"], PLACE["axis_x"]] = open_sd**2
+    entries = _entries([0, 0, 0])
+    for entry in entries:
+        entry.place, entry.information = Place.of(replace(camera, covariance=spread), template()), np.eye(3) / told**2
+        entry.pull = np.zeros((3, len(COMMON)))
+        entry.pull[1, PLACE["axis_x"]] = 1.0 / told**2  # the pan follows the axis radian by metre
+    middle = list(answer_shot(entries, 3, LIMITS))[1].head
+    assert middle is not None
+    sigmas = np.sqrt(np.diag(middle.covariance))
+    assert sigmas[1] == pytest.approx(open_sd, rel=0.02)
+    assert max(sigmas[0], sigmas[2]) < 2.0 * told
+
+
 def _answer_before_an_end(axis_by_length: float) -> list[TrackedFrame]:
     """Answers to frames of the left end of a pitch whose length is open by three metres, which the place of the camera
     follows so far.

@@ -121,6 +121,22 @@ def test_the_table_of_cameras_has_what_a_field_is_drawn_with(tmp_path: Path) -> 
     assert not any(refused[name] for name in ("crown_shape", "crown_radius_m", "length_m", "width_m", "length_sd_m"))
 
 
+def test_the_table_of_cameras_has_the_sigmas_of_its_angles(tmp_path: Path) -> None:
+    record = record_of(3)
+    write_cameras(tmp_path / "cameras.csv", [record])
+    (row,) = csv.DictReader((tmp_path / "cameras.csv").read_text().splitlines())
+    sigmas = np.degrees(np.sqrt(np.diag(record.view.covariance)))
+    assert [float(row[f"{name}_sigma_deg"]) for name in ("pan", "tilt", "roll")] == pytest.approx(sigmas[1:4], rel=1e-4)
+
+
+def test_a_field_that_others_told_is_as_large_as_the_camera_has_it() -> None:
+    """Frames that share a camera do not say how large the field is; the camera's parameters do."""
+    frame, form = tracked(3, 0.12), RecordForm(*field_of(load_config()), 0, "0" * 12)
+    told = record_of_track(replace(frame, view=replace(frame.view, growth_m=np.array([11.6, 2.1]))), "a", "a", 0, form)
+    shared = told.model_copy(update={"camera": told.camera.model_copy(update={"field_size": None})})
+    assert shared.field_size_m == pytest.approx((116.6, 70.1))
+
+
 def test_names_are_no_formulas_in_the_table_of_cameras(tmp_path: Path) -> None:
     record = record_of(3).model_copy(update={"id": "=1+1_00-00-00.120", "source": SourceRecord(path="@clip.mp4")})
     write_cameras(tmp_path / "cameras.csv", [record])
