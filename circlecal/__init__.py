@@ -102,4 +102,5 @@ if not TYPE_CHECKING:  # type checkers find a misspelt name
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *_HOMES])
+    """The public names and those of the module itself (``__file__``, ...): what a shell offers to complete."""
+    return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})

@@ -141,3 +141,10 @@ def test_a_camera_that_must_be_there(frame_image):
     flat = circlecal.calibrate(frame_image, set={"camera.enabled": False})
     with pytest.raises(InputError, match=r"^image: has no camera, since only a homography was asked for"):
         flat.require_camera()
+
+
+def test_what_is_missing_may_have_been_meant_as_a_file_or_as_a_run(tmp_path):
+    with pytest.raises(
+        InputError, match=r"circlecal-rum: no such file or folder; .*result file.*, or the folder of a run"
+    ):
+        circlecal.load(tmp_path / "circlecal-rum")

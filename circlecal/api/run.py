@@ -10,7 +10,7 @@ from typing import Any, overload
 from circlecal.api.calibration import Calibration
 from circlecal.errors import InputError
 from circlecal.field import FieldTemplate, load_field
-from circlecal.files import is_folder
+from circlecal.files import exists, is_folder
 from circlecal.records.json_text import GIVE_A_RESULT, parse_record, read_result
 from circlecal.records.log import RESULTS_NAME, Place, find_results, is_log, read_records, scan_records
 from circlecal.records.parquet import table_row
@@ -123,6 +123,8 @@ def load(path: str | Path, field: str | Path | None = None) -> Calibration | Run
     file = Path(path)
     if field is not None:
         load_field(field)
+    if not exists(file):
+        raise InputError(f"{file}: no such file or folder; {GIVE_A_RESULT}, or the folder of a run")
     if is_folder(file):
         is_run = find_results(file)[0].name == RESULTS_NAME
         if not is_run and next(scan_records(file, ResultRow), None) is None:

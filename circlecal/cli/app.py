@@ -78,7 +78,8 @@ app = PlainTyper(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
-    epilog="Exit code: 0 all calibrated, 1 some refused, 2 wrong use or input, 130 interrupted.",
+    epilog="To begin: circlecal calibrate PICTURE; circlecal calibrate -h shows its options.\n\n"
+    "Exit code: 0 all calibrated, 1 some refused, 2 wrong use or input, 130 interrupted.",
 )
 app.command()(calibrate)
 app.command()(batch)

@@ -99,6 +99,12 @@ def test_every_command_is_in_the_readme(command):
     assert f"circlecal {command}" in readme.read_text()
 
 
+def test_the_help_says_how_to_begin_and_what_the_exit_codes_are(run_circlecal):
+    told = " ".join(run_circlecal("--help").out.split())
+    assert "To begin: circlecal calibrate PICTURE" in told
+    assert "Exit code: 0 all calibrated" in told
+
+
 def test_version(run_circlecal):
     assert run_circlecal("--version").out == f"circlecal {__version__}\n"
     project = ROOT / "pyproject.toml"
@@ -159,6 +165,8 @@ def test_public_names():
     import circlecal
 
     assert {"calibrate", "Config", "load_config", "Calibration", "__version__"} <= set(dir(circlecal))
+    offered = {name for name in dir(circlecal) if not name.startswith("__")}
+    assert offered <= set(circlecal.__all__), "a shell completes what is public only"
     assert circlecal.load_config() == circlecal.Config()
     with pytest.raises(AttributeError, match="nothing_like_it"):
         _ = circlecal.nothing_like_it

@@ -526,6 +526,17 @@ def test_the_table_of_cameras_is_whole(page, report, width):
     assert page.run("const b = document.querySelector('.wide-table'); return b.scrollWidth <= b.clientWidth")
 
 
+def test_links_of_the_summary_are_large_enough_to_hit(page):
+    boxes = page.run(
+        "return [...document.querySelectorAll('.top nav a, .number .jump')].map("
+        "(a) => [a.textContent, a.getBoundingClientRect().width, a.getBoundingClientRect().height])"
+    )
+    assert len(boxes) > 5
+    assert [box for box in boxes if min(box[1:]) < 24] == [], "the smallest target of WCAG 2.2 AA is 24 x 24 px"
+    told = [text for text, *_ in boxes if text.startswith("1 ")]
+    assert told and set(told) == {"1 frame: show it"}
+
+
 def test_everything_that_can_be_used_has_a_name(page):
     page.run("location.hash = 'frame=1'")
     page.wait(OPEN)

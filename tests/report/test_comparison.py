@@ -76,7 +76,7 @@ def test_the_page_tells_what_got_better_and_what_worse(tmp_path, changed):
     words = " ".join(re.sub(r"<[^>]+>", " ", page).split())
     assert "Against &lt;b&gt;then" in page
     for said in (
-        "calibrated now, refused there 1 frames",
+        "calibrated now, refused there 1 frame",
         "refused now, calibrated there 1",
         "sigma below 80 % of what",
     ):

@@ -380,6 +380,12 @@ def test_two_clicks_calibrate_a_refused_frame_and_undo_takes_them_back(browser, 
     browser.console()
     browser.requests()
     assert "refused" in browser.run(f"return {VERDICT}")
+    for width in (1366, 683):  # the second is the first at a zoom of 200 %
+        browser.resize(width, 768)
+        assert browser.run("const v = document.getElementById('verdict'); return v.scrollWidth <= v.clientWidth"), width
+    why = browser.run("const w = document.getElementById('why'); return [w.hidden, w.textContent]")
+    assert not why[0] and why[1].startswith("Why: ") and len(why[1].split()) > 5, "the whole reason stands on the page"
+    browser.resize(1400, 900)
     assert "Name one straight marking" in browser.run("return document.getElementById('missing').textContent")
     counted = browser.run("return document.getElementById('count').textContent")
     assert counted == "3 of 3 frames, 3 to do, 0 annotated"

@@ -264,12 +264,15 @@ const listOrder = () => annotation.markings.map((m, k) => k).sort((a, b) => (ann
 const tell = () => {
   const good = answer.status === "calibrated";
   const verdict = by("verdict");
-  verdict.textContent = annotation.flag ? words(annotation.flag) : good ? `calibrated, sigma ${answer.sigma_px?.toFixed(1) ?? "?"} px (${answer.rating}), ${answer.sigma_m?.toFixed(2) ?? "?"} m` : `refused: ${answer.reason}`;
+  verdict.textContent = annotation.flag ? words(annotation.flag) : good ? `calibrated, sigma ${answer.sigma_px?.toFixed(1) ?? "?"} px (${answer.rating}), ${answer.sigma_m?.toFixed(2) ?? "?"} m` : `refused: ${words(answer.code ?? "no camera")}`;
   verdict.title = verdict.textContent;  // narrow windows cut it off
   verdict.className = `chip ${good ? "yes" : "no"}`;
   by("advice").className = good ? "yes" : "no";
   const doubt = list?.frames[index]?.[1] === "doubtful" ? `, but known to ${answer.sigma_px?.toFixed(0) ?? "?"} px only: one more line or point helps` : "";
   by("missing").textContent = good ? `Calibrated${doubt}. Look whether the template lies on the paint.` : answer.missing || answer.reason || "";
+  const why = good || by("missing").textContent === answer.reason ? "" : answer.reason || "";
+  by("why").textContent = why && `Why: ${why}.`;
+  by("why").hidden = !why;
   const fits = Object.entries(answer.suggested);
   const buttons = [];
   if (fits.length) buttons.push(make("button", { type: "button", onclick: accept }, `Accept ${fits.length === 1 ? "the line that fits" : `${fits.length} lines that fit`}: ${[...new Set(fits.map(([, name]) => words(name)))].join(", ")} `, make("kbd", { textContent: "a" })));
