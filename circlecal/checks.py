@@ -137,6 +137,11 @@ CHECKS: dict[str, Gate] = {
         "how far beyond its end it still crosses another line, half widths of the field",
         words="the halfway line crosses another line well beyond what was taken for the field's border",
     ),
+    "beyond_end_widths": Gate(
+        "line_beyond_field",
+        "length over which a straight marking is seen beyond its end, picture widths",
+        words="a straight marking runs on beyond the end that it has on this field: it is another one",
+    ),
     "found_share": Gate(
         "markings_missing", "share of the markings that should be in view that are painted", at_least=True
     ),

@@ -9,6 +9,7 @@ from circlecal.config import Config, load_config
 from circlecal.evaluation.bench.detect import compare
 from circlecal.field import load_field
 from circlecal.geometry.surface import FLAT
+from circlecal.observations import LinePoints, Observations
 from circlecal.pipeline import field_lines, run
 from circlecal.results import Agreement, Attempt, Verdict
 from circlecal.stages.verdict_on_picture import confirm_field_lines
@@ -76,7 +77,19 @@ def test_few_or_missing_markings_refuse(camera, used, arcs, expected, share, cod
     agreement = Agreement(("penalty_arc_left",), np.array([expected * camera.camera.width]), np.array([share]))
     names = frozenset((*(f"line {k}" for k in range(used)), *arcs))
     accepted = Verdict("calibrated", None, None, None)
-    assert confirm_field_lines(accepted, camera, names, agreement, SOCCER).code == code
+    assert confirm_field_lines(accepted, camera, Observations(*SIZE), names, agreement, SOCCER).code == code
+
+
+@pytest.mark.parametrize(("beyond_m", "code"), [(0.0, None), (1.0, None), (6.0, "line_beyond_field")])
+def test_a_line_that_runs_on_beyond_its_end_is_another_one(camera, beyond_m, code):
+    """What was taken for the front of a penalty area was only 32 m of it, on a rendered pitch."""
+    y = np.arange(-20.16, 20.16 + beyond_m, 0.1)
+    points = camera.view.project(np.stack([np.full_like(y, -36.0), y], axis=-1))
+    seen = Observations(*SIZE, lines=(LinePoints("big_rect_left_main", points, np.ones(len(points))),))
+    agreement = Agreement(("penalty_arc_left",), np.array([500.0]), np.array([1.0]))
+    names = frozenset(f"line {k}" for k in range(6))
+    accepted = Verdict("calibrated", None, None, None)
+    assert confirm_field_lines(accepted, camera, seen, names, agreement, SOCCER).code == code
 
 
 def test_lines_of_a_first_look_hold_where_no_circle_calibrates(picture, monkeypatch):

@@ -8,8 +8,8 @@ import numpy as np
 
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.projective import Array, Mask
-from circlecal.line_naming.line_ends import find_line_through
-from circlecal.observations import MarkingKey
+from circlecal.line_naming.line_ends import FEWEST_POINTS, find_line_through
+from circlecal.observations import MarkingKey, Observations
 from circlecal.results import CameraFit, Check, Cues
 
 REACH_SHARE = 0.95
@@ -68,6 +68,23 @@ def reach_checks(camera: CameraFit, cues: Cues, template: FieldTemplate, most: f
             reaches = (value for value in (side * crossed).tolist() if value > 0.0)
             checks += [Check.of("crossed_end_beyond", max(reach - 1.0, 0.0), CROSSED_BEYOND) for reach in reaches]
     return checks
+
+
+def measure_beyond_ends(camera: CameraFit, observations: Observations, template: FieldTemplate) -> float:
+    """Length over which one of the lines that carry a camera is seen beyond one of its ends, the most of all, picture
+    widths, without gaps.
+    """
+    longest = 0.0
+    for seen in observations.lines:
+        line = template.line_by_name.get(seen.line or "")
+        if line is None or MarkingKey(line.name) not in camera.residuals_px or len(seen.points_px) < FEWEST_POINTS:
+            continue
+        start, end = camera.view.grow(np.array([line.start, line.end]), template)
+        along = (camera.view.to_field(seen.points_px) - start) @ (end - start) / ((end - start) @ (end - start))
+        step_px = float(np.median(np.linalg.norm(np.diff(seen.points_px, axis=0), axis=1)))
+        count = max(np.count_nonzero(along < 0.0), np.count_nonzero(along > 1.0))
+        longest = max(longest, count * step_px / camera.camera.width)
+    return longest
 
 
 def chord_checks(camera: CameraFit, cues: Cues, template: FieldTemplate, circle: Circle) -> list[Check]:

@@ -170,7 +170,7 @@ def _confirm(
     with setting.clock("verdict"):
         used = carriers(seen, camera)
         agreement = look_for_markings(picture, camera, template, setting.circle, used, mask.field_region, used)
-        verdict = confirm_field_lines(attempt.verdict, camera, used, agreement, template)
+        verdict = confirm_field_lines(attempt.verdict, camera, seen, used, agreement, template)
         if verdict.status == "calibrated":
             evidence = measure_evidence(picture, mask, camera, template, used)
             ground = measure_surroundings(picture, mask, camera, template, scene.unseen, scene.image)

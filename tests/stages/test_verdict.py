@@ -172,6 +172,7 @@ def test_a_good_camera_is_accepted_with_every_check():
         "likely_residual_px",
         "found_share",
         "named_markings",
+        "beyond_end_widths",
         "end_residual_px",
         "other_end_reach",
         "crossed_end_beyond",
