@@ -12,7 +12,7 @@ from circlecal.geometry.projective import Array
 from circlecal.line_naming.two_directions import FEWEST_LINES
 from circlecal.observations import Observations, join_observations
 from circlecal.paint.profiles import estimate_noise
-from circlecal.pipeline.attempts import estimate, take_observations
+from circlecal.pipeline.attempts import add_checks, estimate, take_observations
 from circlecal.pipeline.curves import measure_curves, replace_curves
 from circlecal.pipeline.other_circles import masks_without_circle
 from circlecal.pipeline.refinements import Retry, is_less_uncertain
@@ -35,6 +35,8 @@ HOPELESS_TIMES = 3.0
 """By how many times a draft may exceed a limit for the names to be fitted in earnest: of 108 real frames of penalty
 areas as many are answered as without drafts, in half the time of the fits.
 """
+OF_FIELD_LINES = ("named_markings", "beyond_end_widths", "found_share")
+"""Checks of straight markings alone, which a camera keeps that curves refined."""
 FIELD_LINES_TRIED = ("field lines",)
 """Under which a picture keeps what was tried last."""
 
@@ -146,36 +148,25 @@ def _try_namings(setting: Setting, scene: Scene, mask: MarkingMask) -> Iterator[
 def _accept(
     setting: Setting, scene: Scene, mask: MarkingMask, picture: NDArray[np.uint8], attempt: Attempt, noise: float
 ) -> Attempt | None:
-    """A calibrated attempt that the picture confirms, with the curves that its camera finds; None for any other, and
-    where the picture does not confirm the camera that these curves lead to.
-    """
-    accepted = _confirm(setting, scene, mask, picture, attempt)
-    if accepted is None:
-        return None
-    refined = _add_curves(setting, scene, picture, accepted, noise)
-    if refined is not None:
-        accepted = _confirm(setting, scene, mask, picture, refined)
-    if accepted is None or accepted.camera is None:
-        return None
-    return None if misses_circle(accepted.camera, setting.template, setting.circle, HALF_CIRCLE) else accepted
-
-
-def _confirm(
-    setting: Setting, scene: Scene, mask: MarkingMask, picture: NDArray[np.uint8], attempt: Attempt
-) -> Attempt | None:
-    """A calibrated attempt with the checks by which the picture confirms it; None where it does not."""
-    template, camera, seen = setting.template, attempt.camera, attempt.observations
+    """A calibrated attempt that the picture confirms, with the curves that its camera finds; None for any other."""
+    template, circle = setting.template, setting.circle
+    camera, seen = attempt.camera, attempt.observations
     if not attempt.is_calibrated or camera is None or seen is None or attempt.verdict is None:
         return None
     with setting.clock("verdict"):
         used = carriers(seen, camera)
-        agreement = look_for_markings(picture, camera, template, setting.circle, used, mask.field_region, used)
+        agreement = look_for_markings(picture, camera, template, circle, used, mask.field_region, used)
         verdict = confirm_field_lines(attempt.verdict, camera, seen, used, agreement, template)
         if verdict.status == "calibrated":
             evidence = measure_evidence(picture, mask, camera, template, used)
             ground = measure_surroundings(picture, mask, camera, template, scene.unseen, scene.image)
             verdict = weigh_evidence(verdict, camera, evidence, ground, template, agreement)
-    return replace(attempt, verdict=verdict) if verdict.status == "calibrated" else None
+    if verdict.status != "calibrated":
+        return None
+    accepted = replace(attempt, verdict=verdict)
+    accepted = _add_curves(setting, scene, picture, accepted, noise) or accepted
+    misses = accepted.camera is not None and misses_circle(accepted.camera, template, circle, HALF_CIRCLE)
+    return None if misses else accepted
 
 
 def _keeps(attempt: Attempt, name: str) -> bool:
@@ -247,7 +238,8 @@ def _add_curves(
     is_tied = setting.circle.name in found and _keeps(refined, setting.circle.name)
     if refined.verdict is None or not (is_tied or is_less_uncertain(setting, attempt, refined)):
         return None
-    return refined
+    own = tuple(check for check in attempt.verdict.checks if check.name in OF_FIELD_LINES)
+    return add_checks(refined, *own)
 
 
 def _calibrate_field_lines(

@@ -56,8 +56,8 @@ at random, only cameras from four markings were wrong), and an arc brings as man
 """
 MOST_BEYOND_END = 0.035
 """Picture widths over which a line may be seen beyond its end: 15 cameras of real penalty areas and 12 right ones of
-rendered frames have at most 0.022; one that was 16 m off, since it took a part of the front of a penalty area for all of
-it, has 0.077.
+rendered frames have at most 0.022; one that was 16 m off, since it took a part of a penalty area's front for all of it,
+has 0.077.
 """
 LEAST_FOUND_OF_FIELD, EXPECTED_OF_FIELD_WIDTHS = 0.5, 0.06
 """Least share of the other markings to be expected that is found for such a camera, and how many picture widths of them
