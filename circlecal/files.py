@@ -113,20 +113,20 @@ def read_text(path: str | Path, most_bytes: int = MAX_BYTES) -> str:
         raise InputError(f"{path}: cannot be read: is not UTF-8 text ({where}); save it as UTF-8") from error
 
 
-def read_lines(path: str | Path, start: int = 0, most_bytes: int = MAX_BYTES) -> Iterator[bytes]:
+def read_lines(path: str | Path, start: int = 0) -> Iterator[bytes]:
     """Lines of a regular file from a byte on, with their ends; the last one may have none.
 
     Raises
     ------
     InputError
-        As :func:`read_file`, or a line that is longer than ``most_bytes``.
+        As :func:`read_file`, or a line that is longer than a file may be.
     """
     with open_regular(path) as descriptor, os.fdopen(os.dup(descriptor), "rb") as file:
         file.seek(start)
         try:
-            while line := file.readline(most_bytes + 1):
-                if len(line) > most_bytes:
-                    raise InputError(f"{path}: has a line of more than {size_in_words(most_bytes)}")
+            while line := file.readline(MAX_BYTES + 1):
+                if len(line) > MAX_BYTES:
+                    raise InputError(f"{path}: has a line of more than {size_in_words(MAX_BYTES)}")
                 yield line
         except OSError as error:
             raise _unreadable(path, error) from error

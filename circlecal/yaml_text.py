@@ -102,9 +102,9 @@ class _Dumper(yaml.SafeDumper):
 _Dumper.add_implicit_resolver(*_FLOAT)
 
 
-def dump_yaml(content: Any, width: int = 120) -> str:
+def dump_yaml(content: Any) -> str:
     """YAML of a mapping, which :func:`parse_yaml` reads back equal; keys stay in their order."""
-    text: str = yaml.dump(content, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=width)
+    text: str = yaml.dump(content, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=120)
     return text
 
 

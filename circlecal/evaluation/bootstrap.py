@@ -9,6 +9,7 @@ import numpy as np
 from circlecal.geometry.projective import Array
 
 RESAMPLES = 4000
+SHARE = 0.95  # of the resampled means inside the interval
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,10 +21,8 @@ class Interval:
     high: float
 
 
-def bootstrap_mean(
-    values: Array, rng: np.random.Generator, share: float = 0.95, resamples: int = RESAMPLES
-) -> Interval:
-    """Percentile interval of the mean of one value per frame.
+def bootstrap_mean(values: Array, rng: np.random.Generator) -> Interval:
+    """95 % percentile interval of the mean of one value per frame.
 
     For the paired comparison of two methods give the differences of their scores, frame by frame.
 
@@ -33,14 +32,10 @@ def bootstrap_mean(
         One per frame, at least one.
     rng : numpy.random.Generator
         Source of the resamples.
-    share : float
-        Share of the resampled means inside the interval.
-    resamples : int
-        How many are drawn.
     """
     if len(values) == 0:
         raise ValueError("an interval needs at least one frame")
-    counts = rng.multinomial(len(values), np.full(len(values), 1.0 / len(values)), size=resamples)
+    counts = rng.multinomial(len(values), np.full(len(values), 1.0 / len(values)), size=RESAMPLES)
     means = counts @ values / len(values)
-    low, high = np.quantile(means, [(1 - share) / 2, (1 + share) / 2])
+    low, high = np.quantile(means, [(1 - SHARE) / 2, (1 + SHARE) / 2])
     return Interval(float(values.mean()), float(low), float(high))

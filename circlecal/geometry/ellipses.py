@@ -158,8 +158,8 @@ def _length(vectors: Array) -> Array:
     return np.sqrt(x * x + y * y)
 
 
-def arc_coverage_deg(ellipse: Ellipse, points: ArrayLike, bin_deg: float = 5.0) -> float:
-    """Degrees of the ellipse (eccentric angle) that have at least one point (N, 2) in their bin."""
-    bins = round(360.0 / bin_deg)
+def arc_coverage_deg(ellipse: Ellipse, points: ArrayLike) -> float:
+    """Degrees of the ellipse (eccentric angle) that have at least one point (N, 2) in their bin of 5 degrees."""
+    bins = 72
     occupied = np.bincount(np.floor(ellipse.parameter(points) * (bins / (2 * np.pi))).astype(int) % bins)
     return float(np.count_nonzero(occupied) * 360.0 / bins)

@@ -241,7 +241,7 @@ def _aim(
     aside, below = rng.uniform(-1.0, 1.0, (2, _BATCH)) * np.maximum(reach, 0.0)
     pan = np.arctan2(-x, y) - np.arctan2(aside, focal)
     tilt = np.arctan2(np.hypot(x, y), -z) + np.arctan2(below, focal)
-    roll = np.radians(view.roll_sd_deg) * _draw_cut_normal(rng, _BATCH)
+    roll = np.radians(view.roll_sd_deg) * _draw_cut_normal(rng)
     theta = np.zeros((_BATCH, len(PARAMETERS)))
     theta[:, INDEX["log_focal"]] = np.log(focal)
     theta[:, ANGLES] = np.stack([pan, tilt, roll], axis=-1)
@@ -253,10 +253,10 @@ def _aim(
     return drawn.select((focal >= bounds[0]) & (focal <= bounds[1]))
 
 
-def _draw_cut_normal(rng: np.random.Generator, count: int) -> Array:
-    # standard normal cut at _ROLL_CUT: enough spares are drawn that the first `count` survivors exist in practice
-    values = rng.standard_normal(2 * count)
-    return values[np.argsort(np.abs(values) > _ROLL_CUT, kind="stable")[:count]]
+def _draw_cut_normal(rng: np.random.Generator) -> Array:
+    # standard normal cut at _ROLL_CUT: enough spares are drawn that the first _BATCH survivors exist in practice
+    values = rng.standard_normal(2 * _BATCH)
+    return values[np.argsort(np.abs(values) > _ROLL_CUT, kind="stable")[:_BATCH]]
 
 
 def _rim(template: FieldTemplate, angles: Array) -> Array:

@@ -120,7 +120,7 @@ def basketball_lines(*, center: bool = True) -> tuple[Element, ...]:
 
 def handball_lines(*, halfway: bool = True) -> tuple[Element, ...]:
     """Handball: 40 x 20 m, goal area of 6 m, broken line of 9 m."""
-    broken = tuple(arc(20.0, sign * 1.5, 9.0, a, a + 4.0) for sign in (-1.0, 1.0) for a in _dash_angles(sign, 9.0))
+    broken = tuple(arc(20.0, sign * 1.5, 9.0, a, a + 4.0) for sign in (-1.0, 1.0) for a in _dash_angles(sign))
     right: tuple[Element, ...] = (
         arc(20.0, -1.5, 6.0, 180.0, 270.0),
         arc(20.0, 1.5, 6.0, 90.0, 180.0),
@@ -134,9 +134,9 @@ def handball_lines(*, halfway: bool = True) -> tuple[Element, ...]:
     return (*rectangle(-20.0, -10.0, 20.0, 10.0), *middle, *both_ends(right))
 
 
-def _dash_angles(sign: float, radius_m: float) -> list[float]:
-    """Starts in degrees of the dashes of a quarter circle inside the touchlines."""
-    reach = float(np.degrees(np.arcsin(min(1.0, 8.5 / radius_m))))
+def _dash_angles(sign: float) -> list[float]:
+    """Starts in degrees of the dashes of a quarter circle of 9 m inside the touchlines."""
+    reach = float(np.degrees(np.arcsin(8.5 / 9.0)))
     angles = np.arange(180.0 - reach, 178.0, 7.0) if sign > 0 else np.arange(180.0, 178.0 + reach, 7.0)
     return [float(a) for a in angles]
 

@@ -23,8 +23,9 @@ _COARSE_STRIDE = 4
 
 
 @recall(16)
-def noise_texture(rng: np.random.Generator, size: int = 256) -> Float32:
-    """Periodic smooth noise (size, size), mean 0 and standard deviation 1."""
+def noise_texture(rng: np.random.Generator) -> Float32:
+    """Periodic smooth noise (256, 256), mean 0 and standard deviation 1."""
+    size = 256
     white = rng.standard_normal((size, size), dtype=np.float32)
     tiled = cv2.GaussianBlur(np.tile(white, (3, 3)), (0, 0), 1.0)[size : 2 * size, size : 2 * size]
     return np.asarray((tiled - tiled.mean()) / tiled.std(), dtype=np.float32)

@@ -93,11 +93,10 @@ def line_points(
     count: int,
     sigma_px: float,
     rng: np.random.Generator,
-    spacing: Spacing = "image",
     *,
     surface: Surface = FLAT,
 ) -> LinePoints:
-    """Points on the centreline of a straight marking, from end to end of what the frame shows (both included).
+    """Points on the centreline of a straight marking, evenly apart in the picture, with both ends of what it shows.
 
     The other parameters are those of :func:`circle_points`; ``count`` is at least 2.
     """
@@ -108,7 +107,7 @@ def line_points(
         return np.asarray(ends[0] + along[:, None] * (ends[1] - ends[0]))
 
     shares = np.linspace(0.0, 1.0, count)
-    along = _spread(dense, camera.project(surface.lift(on_field(dense))), shares, camera, spacing)
+    along = _spread(dense, camera.project(surface.lift(on_field(dense))), shares, camera, "image")
     pixels = camera.project(surface.lift(on_field(along)))
     return LinePoints(line, _noisy(pixels, sigma_px, rng), _state_sigma(len(pixels), sigma_px))
 
