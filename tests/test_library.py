@@ -97,7 +97,7 @@ def test_loaded_results_answer_the_same(good, tmp_path):
     loaded = circlecal.load(good.save(tmp_path))
     for name in ("K", "R", "t", "dist", "position_m", "H_image_field", "H_field_image"):
         assert np.allclose(getattr(loaded, name), getattr(good, name), rtol=1e-9, atol=1e-9), name
-    for ours, theirs in zip(good.to_image(CENTRE_AND_RIM, True), loaded.to_image(CENTRE_AND_RIM, True), strict=True):
+    for ours, theirs in zip(*(frame.to_image(CENTRE_AND_RIM, sigma=True) for frame in (good, loaded)), strict=True):
         assert np.allclose(ours, theirs, rtol=1e-6, atol=1e-6)
     assert loaded.checks == good.checks
     assert loaded.to_dict() == good.to_dict()
@@ -869,3 +869,10 @@ def test_a_homography_without_a_camera_is_ok_and_has_none_of_its_values(frame_im
 def test_every_public_name_is_there():
     assert [name for name in circlecal.__all__ if not hasattr(circlecal, name)] == []
     assert issubclass(circlecal.MissingExtraError, circlecal.CirclecalError)
+
+
+def test_coordinates_in_two_lists_are_no_points(good):
+    """The second list was taken for the wish for standard deviations."""
+    for convert in (good.to_field, good.to_image):
+        with pytest.raises(TypeError, match="positional"):
+            convert([640.0, 685.0], [360.0, 391.0])

@@ -154,12 +154,12 @@ class Calibration:
     # --- between picture and field
 
     @overload
-    def to_image(self, points_m: PointsLike, sigma: Literal[False] = False) -> Array: ...
+    def to_image(self, points_m: PointsLike, *, sigma: Literal[False] = False) -> Array: ...
 
     @overload
-    def to_image(self, points_m: PointsLike, sigma: Literal[True]) -> SurePoints: ...
+    def to_image(self, points_m: PointsLike, *, sigma: Literal[True]) -> SurePoints: ...
 
-    def to_image(self, points_m: PointsLike, sigma: bool = False) -> Array | SurePoints:
+    def to_image(self, points_m: PointsLike, *, sigma: bool = False) -> Array | SurePoints:
         """Where points of the field are seen, through lens and surface.
 
         Parameters
@@ -201,12 +201,12 @@ class Calibration:
         return np.full((*points.shape, 2), np.nan) if self.view is None else self.view.field_covariance(points)
 
     @overload
-    def to_field(self, points_px: PointsLike, sigma: Literal[False] = False) -> Array: ...
+    def to_field(self, points_px: PointsLike, *, sigma: Literal[False] = False) -> Array: ...
 
     @overload
-    def to_field(self, points_px: PointsLike, sigma: Literal[True]) -> SurePoints: ...
+    def to_field(self, points_px: PointsLike, *, sigma: Literal[True]) -> SurePoints: ...
 
-    def to_field(self, points_px: PointsLike, sigma: bool = False) -> Array | SurePoints:
+    def to_field(self, points_px: PointsLike, *, sigma: bool = False) -> Array | SurePoints:
         """What points of the field are seen at pixels, such as where the feet of players are.
 
         Parameters

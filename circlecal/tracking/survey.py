@@ -95,7 +95,8 @@ def survey_clip(
     config : Config
         Options.
     known : Venue, optional
-        Cameras from earlier; they are taken over where the clip shows them, and others are added.
+        Cameras from earlier; they are taken over, learnt further where the clip shows them, and no others are looked
+        for.
     anchors : sequence of Anchor
         Frames that a person named, by times like those of the pictures; one alone makes a camera.
     period_s : float
