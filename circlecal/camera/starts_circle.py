@@ -164,7 +164,7 @@ def closed_form_starts(
     starts = _cameras([] if center is None else [center], conic, line, direction, field_center, radius, model, side)
     if not starts:
         centers = pinhole_centers(conic, line, image_center(model.width, model.height), model.width)
-        starts = _cameras([c.center for c in centers], conic, line, direction, field_center, radius, model, side)
+        starts = _cameras(list(centers), conic, line, direction, field_center, radius, model, side)
     return np.array(starts).reshape(-1, len(PARAMETERS))
 
 

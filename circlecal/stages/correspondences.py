@@ -140,7 +140,7 @@ def pinhole_center(conic: Array, line: Array, size: tuple[int, int]) -> Array | 
     width, height = size
     best: tuple[float, Array] | None = None
     for candidate in pinhole_centers(conic, line, image_center(width, height), width):
-        H = homography_from_circle(conic, candidate.center, line, np.zeros(2), 1.0, np.array([0.0, 1.0]))
+        H = homography_from_circle(conic, candidate, line, np.zeros(2), 1.0, np.array([0.0, 1.0]))
         camera = None if H is None else camera_from_homography(H, width, height)
         if camera is None or camera.depth(np.zeros(2)) <= 0:
             continue
@@ -148,7 +148,7 @@ def pinhole_center(conic: Array, line: Array, size: tuple[int, int]) -> Array | 
         distance = np.log(np.linalg.norm(camera.position_m) / USUAL_DISTANCE_RADII) / USUAL_DISTANCE_LOG_SD
         chi_square = roll**2 + distance**2
         if best is None or chi_square < best[0]:
-            best = chi_square, candidate.center
+            best = chi_square, candidate
     return None if best is None or best[0] > 16 else best[1]
 
 

@@ -1,7 +1,6 @@
 """Cases 1, 2 and 3: points and tangents from a circle, exact without noise."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -314,7 +313,7 @@ def test_a_centre_that_only_an_unusual_camera_allows_is_none(distances, is_usual
     focal_px = 3000.0 * away_m / 64.0
     camera = view(position=tuple(place), target=(0.0, 0.0, 0.0), focal=focal_px, roll=0.0)
     # where the camera stands in the plane of the halfway line that tells nothing of the centre
-    true = SimpleNamespace(center=lift(camera.project(ORIGIN)))
+    true = lift(camera.project(ORIGIN))
     monkeypatch.setattr(correspondences, "pinhole_centers", lambda *given: [true])
     center = pinhole_center(true_conic(camera, "center"), line_cue(camera).line, (camera.width, camera.height))
     assert (center is not None) == is_usual
@@ -324,7 +323,7 @@ def test_a_centre_that_only_an_unusual_camera_allows_is_none(distances, is_usual
 def test_a_centre_that_only_a_rolled_camera_allows_is_none(rolls, is_usual, monkeypatch):
     away_m = CIRCLE.radius_m * USUAL_DISTANCE_RADII
     camera = view(position=(0.0, away_m * np.cos(0.3), -away_m * np.sin(0.3)), roll=rolls * USUAL_ROLL_RAD)
-    true = SimpleNamespace(center=lift(camera.project(ORIGIN)))
+    true = lift(camera.project(ORIGIN))
     monkeypatch.setattr(correspondences, "pinhole_centers", lambda *given: [true])
     center = pinhole_center(true_conic(camera, "center"), line_cue(camera).line, (camera.width, camera.height))
     assert (center is not None) == is_usual
