@@ -452,6 +452,7 @@ by("export").addEventListener("click", guarded(async () => {
   const { name, content, leftOut } = await net.exported(by("format").value), address = URL.createObjectURL(content);
   make("a", { href: address, download: name }).click();
   setTimeout(() => URL.revokeObjectURL(address), 60000);
+  if (by("format").value !== "workbench") by("saved").textContent = "exported; its points lie on the middle of the paint: circlecal reads it back with --convention paint";
   tellLines("Exported, but for this", leftOut);
 }));
 by("import").addEventListener("change", guarded(async () => {
