@@ -12,7 +12,7 @@ from circlecal.geometry.surface import Surface, SurfaceShape
 from circlecal.records.parts import CameraRow
 from circlecal.synthetic.video import ShotKind
 
-__all__ = ["ClipTruth", "read_clip_truth"]
+__all__ = ["ClipTruth", "parse_clip_truth", "read_clip_truth"]
 
 
 class _Part(BaseModel):
@@ -75,9 +75,22 @@ def read_clip_truth(path: Path) -> ClipTruth:
         The file cannot be read, or is damaged.
     """
     try:
-        return ClipTruth.model_validate_json(path.read_bytes())
+        content = path.read_bytes()
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {reading_failure(error)}; render the clip again") from error
+    return parse_clip_truth(path, content)
+
+
+def parse_clip_truth(path: Path, content: bytes) -> ClipTruth:
+    """The truth of one clip, from the content of its file.
+
+    Raises
+    ------
+    InputError
+        It is damaged.
+    """
+    try:
+        return ClipTruth.model_validate_json(content)
     except ValidationError as error:
         where = ".".join(str(part) for part in error.errors()[0]["loc"])
         raise InputError(f"{path}: {where}: {error.errors()[0]['msg']}; render the clip again") from error

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from circlecal.errors import InputError
-from circlecal.evaluation.clip_truth import ClipTruth, read_clip_truth
+from circlecal.evaluation.clip_truth import ClipTruth, parse_clip_truth
 from circlecal.evaluation.soccernet_metric import CLASSES, MetricCamera, PlaneHomography, Projector
 from circlecal.field import load_field
 from circlecal.field.view import FieldView
@@ -230,7 +230,7 @@ def _read_source(path: Path, size: Size, given_size: Size | None) -> _Held:
         truth = parse_content(_FrameTruth, path, content.raw)
         return _Held(frozenset({truth.id}), _true_camera(path, truth, size), frozenset({truth.field} - {SCORED_FIELD}))
     if known is _CLIP_TRUTH:
-        return _of_clip(read_clip_truth(path), size)
+        return _of_clip(parse_clip_truth(path, content.raw), size)
     found: dict[str, Prediction] = {}
     if known is soccernet_camera.FORMAT:
         keys = parse_content(CameraKeys, path, content.raw)

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from circlecal.files import write_atomic_parts
-from circlecal.geometry.camera_parameters import INDEX
 from circlecal.names import as_cell
 from circlecal.records.parts import HeadRecord, TrackRecord
 from circlecal.records.record import ResultRecord
@@ -47,9 +46,7 @@ def _size(name: str) -> _Read:
 def _angle_sigma(name: str) -> _Read:
     def read(record: ResultRecord) -> Any:
         told = None if record.camera is None else record.camera.covariance
-        if told is None or name not in told.parameters or not told.is_known:
-            return None
-        return float(np.degrees(np.sqrt(told.full()[INDEX[name], INDEX[name]])))
+        return None if told is None or name not in told.parameters else float(np.degrees(told.sigma(name)))
 
     return read
 

@@ -140,6 +140,12 @@ class CovarianceRecord(RecordPart):
         covariance[np.ix_(places, places)] = own
         return covariance
 
+    def sigma(self, name: str) -> float:
+        """Standard deviation of a parameter that is named."""
+        place = self.parameters.index(name)
+        row = [np.sqrt(as_array(self.matrix)[place, place])] if self.factor is None else self.factor[place]
+        return float(np.linalg.norm(row))
+
     def theta(self) -> Array:
         """The estimate (P,) of all parameters of the camera model, zero where it is not written."""
         theta = np.zeros(len(PARAMETERS))

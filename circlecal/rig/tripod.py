@@ -383,11 +383,7 @@ class TripodEstimate:
         theta, by_own, by_common = model.linearise_one(own, self.mean)
         if cross is not None:
             by_common = by_common + by_own @ cross
-        shared = self.covariance if by_errors is None or self.painters is None else self.painters.covariance
-        covariance = by_own @ own_covariance @ by_own.T + by_common @ shared @ by_common.T
-        if by_errors is not None:
-            moved = np.concatenate([by_own, by_common], axis=1) @ by_errors
-            covariance = covariance + moved @ moved.T
+        covariance = self._spread(by_own, by_common, own_covariance, by_errors)
         surface = replace(self.surface, crown_m=float(theta[CROWN]))
         return FieldView(camera_of(theta, model.projection), surface, self.growth_m.copy(), covariance)
 
@@ -395,10 +391,14 @@ class TripodEstimate:
         """Covariance (3, 3) of a frame's own parameters with what the tripod leaves open; parameters as for
         :meth:`view`.
         """
+        return self._spread(np.eye(3), cross, own_covariance, by_errors)
+
+    def _spread(self, by_own: Array, by_common: Array, own_covariance: Array, by_errors: Array | None) -> Array:
+        """Covariance (P, P) of what follows a frame's own parameters (P, 3) and the common ones (P, K)."""
         shared = self.covariance if by_errors is None or self.painters is None else self.painters.covariance
-        covariance = own_covariance + cross @ shared @ cross.T
+        covariance = by_own @ own_covariance @ by_own.T + by_common @ shared @ by_common.T
         if by_errors is not None:
-            moved = by_errors[:3] + cross @ by_errors[3:]
+            moved = np.concatenate([by_own, by_common], axis=1) @ by_errors
             covariance = covariance + moved @ moved.T
         return np.asarray(covariance)
 

@@ -159,7 +159,7 @@ def _answer_frame(
         return _refusal(entry, "lost")
     tripod = place.tripod
     by_head = by_common[:, : len(COMMON)]
-    view, widened = tripod.view(values, covariance, by_head), tripod.widen_head(covariance, by_head)
+    view, follows = tripod.view(values, covariance, by_head), None
     seen = _visible_sigmas(view, place)
     sigmas = (
         Check.of("sigma_px", seen.largest_px, limits.largest_px * place.unit),
@@ -175,9 +175,8 @@ def _answer_frame(
         # painters' errors are told, and refuse nothing: no picture tells them, and the limits are those of noise
         follows = np.concatenate([by_common[:, len(COMMON) :], place.by_errors])
         view = tripod.view(values, covariance, by_head, follows)
-        widened = tripod.widen_head(covariance, by_head, follows)
         seen = _visible_sigmas(view, place)
-    head = Head(float(values[1]), float(values[2]), float(values[0]), widened)
+    head = Head(float(values[1]), float(values[2]), float(values[0]), tripod.widen_head(covariance, by_head, follows))
     frame = TrackedFrame(
         entry.index, entry.time_s, entry.size, entry.shot, tripod.name, "calibrated", None, None, view, head,
         entry.carriers, checks, seen.largest_px, seen.largest_m, seen.end,
