@@ -154,6 +154,11 @@ class CovarianceRecord(RecordPart):
         return theta
 
     @property
+    def growth_m(self) -> Array:
+        """By how much the field is longer and broader (2,) than its template says, metres."""
+        return self.theta()[[INDEX["length"], INDEX["breadth"]]]
+
+    @property
     def _places(self) -> list[int]:
         return [INDEX[name] for name in self.parameters]
 
@@ -242,8 +247,7 @@ class CameraRecord(CameraRow):
         camera, known = self.pinhole(image), self.covariance
         if camera is None or known is None or not known.is_known:
             return None if camera is None else FieldView(camera, self.surface)
-        growth = known.theta()[[INDEX["length"], INDEX["breadth"]]]
-        return FieldView(camera, self.surface, growth, known.full())
+        return FieldView(camera, self.surface, known.growth_m, known.full())
 
 
 class EstimateRow(RecordPart):

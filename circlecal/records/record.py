@@ -17,7 +17,6 @@ from pydantic import ConfigDict, Field
 
 from circlecal.field.view import FieldView
 from circlecal.geometry.camera import PlaneCamera
-from circlecal.geometry.camera_parameters import INDEX
 from circlecal.observations import Observations
 from circlecal.records.parts import (
     AlternativeRecord,
@@ -177,8 +176,7 @@ class ResultRecord(ResultRow):
         told, stated = self.camera.covariance, (sizes.get("length"), sizes.get("width"))
         if told is None or not told.is_known or None in stated:
             return stated
-        growth = told.theta()[[INDEX["length"], INDEX["breadth"]]].tolist()
-        length_m, width_m = (None if s is None else s + grown for s, grown in zip(stated, growth, strict=True))
+        length_m, width_m = (None if s is None else s + g for s, g in zip(stated, told.growth_m.tolist(), strict=True))
         return length_m, width_m
 
     @property
