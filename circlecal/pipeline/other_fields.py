@@ -52,8 +52,9 @@ def refuse_other_field(setting: Setting, scene: Scene, attempt: Attempt) -> Atte
     """The attempt, refused where another field explains the picture clearly better than the one that was named, which
     the reason names; or where most of the markings that the camera puts into view are not painted.
 
-    Of such fields right cameras of 14 real and 30 rendered frames have evidence of 0.17 picture widths at least, houses
-    of curling seen from the other side -0.3 and -0.6.
+    Right cameras of 14 real and 30 rendered rinks, courts and robots' fields have evidence of 0.17 picture widths at
+    least. Four rendered houses of curling that were put on the other side have -0.6 to -0.3, and four seen from behind,
+    with cameras within 5 px, have that too: nothing tells these apart, and all are refused.
     """
     template, camera, mask = setting.template, attempt.camera, attempt.mask
     if not (attempt.is_calibrated and has_leagues(template)) or camera is None or mask is None:
