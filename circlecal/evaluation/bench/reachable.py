@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from circlecal.camera.options import CameraConfig
+from circlecal.camera.world import FLAT_SD_M
 from circlecal.evaluation.bench.bounds import bound_covariance
 from circlecal.field import Arc, Circle, FieldTemplate, Line
 from circlecal.geometry.camera_parameters import ProjectionModel, project, theta_of
 from circlecal.geometry.projective import Array, Mask
+from circlecal.geometry.surface import Surface
 from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations
 from circlecal.synthetic.paint import class_id
 from circlecal.synthetic.truth import Truth
@@ -31,7 +33,8 @@ def bound_px(truth: Truth, grid_m: Array, template: FieldTemplate, config: Camer
     The observations are what the truth knows to be seen of the template's markings: their unoccluded places inside the
     picture, every line rightly named, at the noise that the measurement of edges has. Lens, principal point, crown and
     the camera's place have the priors of ``config``. Painters' errors, where they were drawn, are as large as the
-    template says and known to nobody. No detection, no result and no wear of the paint enters.
+    template says and known to nobody. The profile of the field is known, its crown has the prior that it has among
+    fields of its kind: a flat one is flat to half a centimetre, as nobody knows a field better. No detection, no result and no wear of the paint enters.
 
     Parameters
     ----------
@@ -53,7 +56,7 @@ def bound_px(truth: Truth, grid_m: Array, template: FieldTemplate, config: Camer
     if len(grid_m) == 0 or seen.circle(circle.name, "center") is None or not (seen.lines or len(seen.circles) > 1):
         return float("inf")
     camera, surface = truth.camera, truth.surface
-    shaped = config.model_copy(update={"crown_shape": surface.shape})
+    shaped = config.model_copy(update=_describe_crown(surface))
     placed = template if truth.painted == truth.template else truth.painted
     covariance = bound_covariance(camera, surface.crown_m, seen, placed, circle, shaped, with_painters=True)
     model = ProjectionModel.of(camera, surface)
@@ -64,6 +67,13 @@ def bound_px(truth: Truth, grid_m: Array, template: FieldTemplate, config: Camer
     rng = np.random.default_rng(0)
     draws = rng.standard_normal((len(values), _DRAWS))
     return float(np.linalg.norm(root @ draws, axis=1).mean()) * 1920.0 / truth.camera.width
+
+
+def _describe_crown(surface: Surface) -> dict[str, object]:
+    """Options for a field whose profile is known, and how far it falls is not."""
+    if surface.shape == "flat":
+        return {"crown_shape": "roof", "crown_m": 0.0, "crown_sd_m": FLAT_SD_M}
+    return {"crown_shape": surface.shape}
 
 
 def visible_observations(truth: Truth, template: FieldTemplate) -> Observations:
