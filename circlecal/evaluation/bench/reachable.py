@@ -30,11 +30,12 @@ _DRAWS = 400
 def bound_px(truth: Truth, grid_m: Array, template: FieldTemplate, config: CameraConfig) -> float:
     """Expected mean reprojection error of a frame, px at 1920 px width, of an estimator that reaches the bound.
 
-    The observations are what the truth knows to be seen of the template's markings: their unoccluded places inside the
-    picture, every line rightly named, at the noise that the measurement of edges has. Lens, principal point, crown and
-    the camera's place have the priors of ``config``. Painters' errors, where they were drawn, are as large as the
-    template says and known to nobody. The profile of the field is known, its crown has the prior that it has among
-    fields of its kind: a flat one is flat to half a centimetre, as nobody knows a field better. No detection, no result and no wear of the paint enters.
+    The observations are what the truth knows to be seen of the template's markings: their unoccluded places inside
+    the picture, every line rightly named, at the noise that the measurement of edges has. Lens, principal point,
+    crown and the camera's place have the priors of ``config``. Painters' errors, where they were drawn, are as
+    large as the template says and known to nobody. The profile of the field is known, its crown has the prior that
+    it has among fields of its kind: a flat one is flat to half a centimetre, as nobody knows a field better. No
+    detection, no result and no wear of the paint enters.
 
     Parameters
     ----------
