@@ -523,7 +523,7 @@ def observe_points(
     observed = observe(AnnotatedFrame("points", width, height, tuple(shapes)), template, sources, "points", "points")
     if observed.warnings:
         told = observed.warnings[0].removesuffix("; left out")
-        names = ", ".join(e.name for e in (*template.circles, *template.arcs, *template.lines, *template.marks))
+        names = ", ".join(e.name for e in template.elements)
         raise InputError(f"{told}; known: {names}" if NO_MARKING in told else told)
     return join_observations(observed.observations, Observations(width, height, keypoints=tuple(keypoints)))
 

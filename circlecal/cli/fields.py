@@ -52,9 +52,7 @@ def _list_templates(chosen: Sequence[FieldTemplate]) -> None:
         size = f"{template.length_m:g} x {template.width_m:g} m"
         width = f"{template.marking_width_m:g} m"
         config = template.config or "default"
-        shown = [
-            c for c in (*template.circles, *template.arcs) if c in template.circles or c.name == template.default_circle
-        ]
+        shown = [c for c in template.round_ones if c in template.circles or c.name == template.default_circle]
         for circle in shown:
             usual = "yes" if circle.name == template.default_circle else ""
             radius = f"{circle.radius_m:g} m ({circle.edge} edge)"

@@ -1,9 +1,20 @@
 """The field: templates and their files here, and where a camera shows it in :mod:`circlecal.field.view`."""
 
 from circlecal.field.loading import field_folder, field_names, load_field, template_from_mapping
-from circlecal.field.template import Arc, Circle, FieldTemplate, Ground, Line, Mark, evaluate_size
+from circlecal.field.template import (
+    COMPASS,
+    Arc,
+    Circle,
+    FieldTemplate,
+    Ground,
+    Line,
+    Mark,
+    evaluate_size,
+    unit_circle,
+)
 
 __all__ = [
+    "COMPASS",
     "Arc",
     "Circle",
     "FieldTemplate",
@@ -15,4 +26,5 @@ __all__ = [
     "field_names",
     "load_field",
     "template_from_mapping",
+    "unit_circle",
 ]

@@ -17,6 +17,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
 
+from circlecal.geometry.homography import compass_label
 from circlecal.geometry.projective import Array
 
 _OPERATORS: dict[type[ast.AST], Any] = {
@@ -92,6 +93,19 @@ AT_MIDDLE_M = 1e-6
 """A centre this near to the long or the short axis lies on it, metres: rounding of arithmetic over sizes."""
 
 
+def unit_circle(angle_rad: Array) -> Array:
+    """Directions (..., 2) on the field at angles (...,) from the x axis towards y."""
+    return np.stack([np.cos(angle_rad), np.sin(angle_rad)], axis=-1)
+
+
+COMPASS: dict[str, Array] = {
+    compass_label(outward): outward for outward in unit_circle(np.radians(np.arange(0.0, 360.0, 45.0)))
+}
+"""The eight directions (2,) from the middle of a circle by their names, as the main camera sees them: right, bottom
+right and so on.
+"""
+
+
 @dataclass(frozen=True, slots=True)
 class Extent:
     """A size of the field, its length or its width: the template's, and what the rules allow, all in metres.
@@ -133,12 +147,22 @@ class Circle(_Element):
         "an edge and no line. Rims are looked for where no line is found.",
     )
 
+    @property
+    def span_deg(self) -> tuple[float, float]:
+        """Angles of both ends, degrees: a full circle is an arc from 0 to 360."""
+        return 0.0, 360.0
+
 
 class Arc(Circle):
     """Part of a circle, counter-clockwise in the field frame (x towards y) between two angles."""
 
     start_deg: Angle = Field(description="Angle of the first end, degrees from the x axis towards y.")
     end_deg: Angle = Field(description="Angle of the last end; larger than start_deg.")
+
+    @property
+    def span_deg(self) -> tuple[float, float]:
+        """Angles of both ends, degrees."""
+        return self.start_deg, self.end_deg
 
 
 class Line(_Element):
@@ -224,11 +248,11 @@ class FieldTemplate(BaseModel):
 
     @model_validator(mode="after")
     def _names(self) -> FieldTemplate:
-        names = [e.name for e in self._elements]
+        names = [e.name for e in self.elements]
         doubled = sorted({n for n in names if names.count(n) > 1})
         if doubled:
             raise ValueError(f"names used twice: {', '.join(doubled)}")
-        if self.default_circle not in {"", *(c.name for c in (*self.circles, *self.arcs))}:
+        if self.default_circle not in {"", *(c.name for c in self.round_ones)}:
             raise ValueError(f"default_circle {self.default_circle!r} is not among the circles and arcs")
         if self.halfway_line is not None and self.halfway_line not in {line.name for line in self.lines}:
             raise ValueError(f"halfway_line {self.halfway_line!r} is not among the lines")
@@ -261,7 +285,7 @@ class FieldTemplate(BaseModel):
                     raise ValueError(f"{name} is {size_m:g}, but circle {circle.name!r} needs {needed_m:g} m")
 
     def _require_halfway_through_circle(self) -> None:
-        centers = {c.name: c.center for c in (*self.circles, *self.arcs)}
+        centers = {c.name: c.center for c in self.round_ones}
         if self.halfway_line is None or self.default_circle not in centers:
             return
         line = next(line for line in self.lines if line.name == self.halfway_line)
@@ -317,18 +341,24 @@ class FieldTemplate(BaseModel):
         return all(getattr(self, name) == getattr(other, name) for name in type(self).model_fields)
 
     @property
-    def _elements(self) -> tuple[_Element, ...]:
-        return (*self.circles, *self.arcs, *self.lines, *self.marks)
+    def round_ones(self) -> tuple[Circle, ...]:
+        """Full circles, then arcs."""
+        return (*self.circles, *self.arcs)
+
+    @property
+    def elements(self) -> tuple[Circle | Line | Mark, ...]:
+        """All markings: circles, arcs, lines, marks."""
+        return (*self.round_ones, *self.lines, *self.marks)
 
     @cached_property
     def names(self) -> frozenset[str]:
         """Names of all markings."""
-        return frozenset(element.name for element in self._elements)
+        return frozenset(element.name for element in self.elements)
 
     @cached_property
     def circle_by_name(self) -> dict[str, Circle]:
         """Full circles and arcs by name."""
-        return {c.name: c for c in (*self.circles, *self.arcs)}
+        return {c.name: c for c in self.round_ones}
 
     @cached_property
     def line_by_name(self) -> dict[str, Line]:
@@ -353,7 +383,7 @@ class FieldTemplate(BaseModel):
     @cached_property
     def is_in_one_paint(self) -> bool:
         """Whether all markings have one colour, so that what is painted in another is none of them."""
-        return len({e.color for e in self._elements}) <= 1
+        return len({e.color for e in self.elements}) <= 1
 
     def paint_width(self, element: _Element, marking_width_m: float | None = None) -> float:
         """Width of an element's paint in metres: its own one, or the given one or the template's."""
@@ -436,18 +466,16 @@ class FieldTemplate(BaseModel):
         """Names of all circles, arcs and lines, :data:`NODES` points along the centreline of each (K, N, 2), and shifts
         (K, 3, 2) as of :meth:`line_shift` and :meth:`place_shift`.
         """
-        share = np.linspace(0.0, 1.0, NODES)[:, None]
-        ends = [(0.0, 360.0)] * len(self.circles) + [(arc.start_deg, arc.end_deg) for arc in self.arcs]
-        round_ones = (*self.circles, *self.arcs)
+        share = np.linspace(0.0, 1.0, NODES)
         curves = [
-            np.asarray(circle.center) + self.radius(circle, "center") * np.hstack([np.cos(angle), np.sin(angle)])
-            for circle, (first, last) in zip(round_ones, ends, strict=True)
-            for angle in (np.radians(first + share * (last - first)),)
+            self.curve_points(circle, "center", np.radians(first + share * (last - first)))
+            for circle in self.round_ones
+            for first, last in (circle.span_deg,)
         ]
         drawn, shifts = self.drawn_lines
-        straight = drawn[:, :1] + share * (drawn[:, 1:] - drawn[:, :1])
-        names = tuple(element.name for element in (*round_ones, *self.lines))
-        round_shifts = np.array([self.place_shift(circle.center) for circle in round_ones]).reshape(-1, 3, 2)
+        straight = drawn[:, :1] + share[:, None] * (drawn[:, 1:] - drawn[:, :1])
+        names = tuple(element.name for element in (*self.round_ones, *self.lines))
+        round_shifts = np.array([self.place_shift(circle.center) for circle in self.round_ones]).reshape(-1, 3, 2)
         points = np.concatenate([np.array(curves).reshape(-1, NODES, 2), straight])
         return names, _keep(points), _keep(np.concatenate([round_shifts, shifts]))
 
@@ -477,11 +505,7 @@ class FieldTemplate(BaseModel):
 
     def polylines(self, step_m: float = 0.25) -> dict[str, Array]:
         """Centrelines of every element as polylines ``{name: (N, 2)}``, for drawing."""
-        drawn: dict[str, Array] = {}
-        for circle in self.circles:
-            drawn[circle.name] = self._arc_points(circle, 0.0, 360.0, step_m)
-        for arc in self.arcs:
-            drawn[arc.name] = self._arc_points(arc, arc.start_deg, arc.end_deg, step_m)
+        drawn = {circle.name: self._round_polyline(circle, step_m) for circle in self.round_ones}
         for line in self.lines:
             ends = self.line_ends(line)
             count = max(2, int(np.ceil(np.linalg.norm(ends[1] - ends[0]) / step_m)) + 1)
@@ -490,13 +514,12 @@ class FieldTemplate(BaseModel):
 
     def curve_points(self, circle: Circle, edge: Edge, angle_rad: Array) -> Array:
         """Points (..., 2), metres, of one edge or the middle of a circle's paint at angles (...,) from the x axis."""
-        ring = np.stack([np.cos(angle_rad), np.sin(angle_rad)], axis=-1)
-        return np.asarray(np.asarray(circle.center) + self.radius(circle, edge) * ring)
+        return np.asarray(np.asarray(circle.center) + self.radius(circle, edge) * unit_circle(angle_rad))
 
-    def _arc_points(self, circle: Circle, start_deg: float, end_deg: float, step_m: float) -> Array:
-        radius = self.radius(circle, "center")
-        count = max(8, int(np.ceil(np.radians(end_deg - start_deg) * radius / step_m)) + 1)
-        return self.curve_points(circle, "center", np.radians(np.linspace(start_deg, end_deg, count)))
+    def _round_polyline(self, circle: Circle, step_m: float) -> Array:
+        start, end = circle.span_deg
+        count = max(8, int(np.ceil(np.radians(end - start) * self.radius(circle, "center") / step_m)) + 1)
+        return self.curve_points(circle, "center", np.radians(np.linspace(start, end, count)))
 
 
 def _keep(values: Array) -> Array:

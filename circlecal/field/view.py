@@ -12,7 +12,7 @@ from typing import Literal, NamedTuple, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from circlecal.field import Circle, FieldTemplate
+from circlecal.field import Circle, FieldTemplate, unit_circle
 from circlecal.field.template import Edge
 from circlecal.geometry.camera import Camera, PlaneCamera
 from circlecal.geometry.camera_parameters import Projection, ProjectionModel, project, theta_of
@@ -150,8 +150,7 @@ class FieldView(ShortRepr):
     def markings(self, template: FieldTemplate) -> dict[str, Array]:
         """Centrelines of all markings and rims of all marks as polylines (N, 2) in metres, at this field's own size."""
         drawn = template.polylines(template.length_m / _CURVE_STEPS)
-        angle = np.linspace(0.0, 2 * np.pi, 25)
-        rim = 0.5 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        rim = 0.5 * unit_circle(np.linspace(0.0, 2 * np.pi, 25))
         drawn.update({mark.name: np.asarray(mark.position) + mark.diameter_m * rim for mark in template.marks})
         return {name: self.grow(polyline, template) for name, polyline in drawn.items()}
 

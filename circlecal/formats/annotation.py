@@ -244,7 +244,7 @@ def _shapes(marking: AnnotatedMarking, template: FieldTemplate | None, nameless:
 
 def official_name(name: str, template: FieldTemplate | None) -> str:
     """SoccerNet's class of an element of the template, or its own name where it has none."""
-    elements = () if template is None else (*template.circles, *template.arcs, *template.lines, *template.marks)
+    elements = () if template is None else template.elements
     return next((e.class_name for e in elements if e.name == name and e.class_name is not None), name)
 
 

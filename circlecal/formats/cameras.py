@@ -15,11 +15,11 @@ import numpy as np
 
 from circlecal.camera.flat import flat_camera
 from circlecal.errors import InputError
-from circlecal.field import Circle, FieldTemplate
+from circlecal.field import COMPASS, Circle, FieldTemplate
 from circlecal.field.view import FieldView
 from circlecal.formats.shapes import AnnotatedFrame, Shape
 from circlecal.geometry.camera import Camera, camera_from_homography, camera_from_soccernet, image_center
-from circlecal.geometry.homography import compass_label, dlt, is_invertible, scale_homography
+from circlecal.geometry.homography import dlt, is_invertible, scale_homography
 from circlecal.geometry.projective import Array
 from circlecal.records.record import ResultRecord
 from circlecal.results import FrameCalibration
@@ -289,7 +289,7 @@ def _visible_field(view: FieldView, template: FieldTemplate, circle: Circle | No
     """Points (N, 2) of the field and of a circle that are in the picture, and their pixels (N, 2); of the first circle
     or arc of the field where none is named.
     """
-    curves = (circle,) if circle is not None else (*template.circles, *template.arcs)[:1]
+    curves = (circle,) if circle is not None else template.round_ones[:1]
     half = np.array([template.length_m, template.width_m]) / 2
     axes = [np.linspace(-h, h, max(3, int(np.ceil(2 * h / _GRID_M)) + 1)) for h in half]
     grid = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
@@ -307,9 +307,7 @@ def derive_shapes(frame: CalibratedFrame, original: Mapping[str, Any] | None = N
     name = frame.circle.name
     center, radius = frame.view.center_of(frame.circle, frame.template), frame.template.radius(frame.circle, "center")
     shapes = [Shape(f"{name} {CENTRE}", "points", frame.view.project(center[None]))]
-    for angle in np.radians(np.arange(0.0, 360.0, 45.0)):
-        outward = np.array([np.cos(angle), np.sin(angle)])
-        label = compass_label(outward)
+    for label, outward in COMPASS.items():
         touch = center + radius * outward
         along = np.linspace(-1.0, 1.0, _TANGENT_SAMPLES)[:, None] * np.array([-outward[1], outward[0]])
         tangent = frame.view.project(touch + 0.5 * radius * along)

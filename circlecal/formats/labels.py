@@ -18,7 +18,7 @@ _COLOURS = {"curve": "#33ddff", "line": "#ffb02e", "point": "#ff5ad0"}
 
 def list_labels(template: FieldTemplate) -> dict[str, str]:
     """Kind (``curve``, ``line``, ``point``) of every label of a template; the last is a line that nobody knows."""
-    kinds = (("curve", (*template.circles, *template.arcs)), ("line", template.lines), ("point", template.marks))
+    kinds = (("curve", template.round_ones), ("line", template.lines), ("point", template.marks))
     found = {element.class_name or element.name: kind for kind, elements in kinds for element in elements}
     return {**found, UNKNOWN_LINE: "line"}
 

@@ -11,18 +11,17 @@ from __future__ import annotations
 from collections import defaultdict
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
-from circlecal.field import Circle, FieldTemplate
+from circlecal.field import COMPASS, Circle, FieldTemplate
 from circlecal.formats import pnlcalib
 from circlecal.formats.cameras import CENTRE, TANGENT, Size
 from circlecal.formats.registry import annotation_formats, read_annotations
 from circlecal.formats.shapes import ELLIPSE_SAMPLES, AnnotatedFrame, ObservedFrame, Shape
 from circlecal.formats.soccernet import GOAL_CLASSES, UNKNOWN_CLASSES
-from circlecal.geometry.homography import compass_label
 from circlecal.geometry.projective import Array, meet
 from circlecal.observations import CirclePoints, Keypoint, LinePoints, MarkPoint, Observations, join_observations
 
@@ -364,16 +363,13 @@ def _shift_of_crossing(template: FieldTemplate, position: Array) -> Array:
     return template.place_shift((x, float(np.copysign(side, y)) if is_on_touchline else y))
 
 
-_DIRECTIONS: dict[str, Any] = {
-    normalise(compass_label(outward)): outward
-    for outward in (np.array([np.cos(a), np.sin(a)]) for a in np.radians(np.arange(0.0, 360.0, 45.0)))
-}
+_DIRECTIONS = {normalise(label): outward for label, outward in COMPASS.items()}
 _SILENT = frozenset(normalise(name) for name in (*GOAL_CLASSES, *UNKNOWN_CLASSES))
 
 
 def _elements(template: FieldTemplate) -> dict[str, tuple[str, str]]:
     """Kind and name of every element of the template by each of its spellings."""
-    kinds = (("circle", (*template.circles, *template.arcs)), ("line", template.lines), ("mark", template.marks))
+    kinds = (("circle", template.round_ones), ("line", template.lines), ("mark", template.marks))
     return {
         normalise(label): (kind, element.name)
         for kind, elements in kinds

@@ -47,7 +47,6 @@ from circlecal.line_naming.field_views import (
 from circlecal.line_naming.view_refinement import (
     SeenMarkings,
     circle_conics,
-    curves_of,
     distances_from_circles,
     refine_views,
 )
@@ -340,7 +339,7 @@ def _refine(
         rings[:, k] = np.where(share.max(axis=1, initial=0.0) >= ON_ARC_SHARE, share.argmax(axis=1), -1)
         points[k] = curves[k][np.linspace(0, len(curves[k]) - 1, ARC_POINTS).round().astype(int)]
     seen = SeenMarkings(segments, matches.marking, points, rings)
-    return refine_views(theta, seen, template, curves_of(template), model)
+    return refine_views(theta, seen, template, template.round_ones, model)
 
 
 def _match(
@@ -434,7 +433,7 @@ def _lie_near_rings(
     """For each seen curve, pixels (N, 2), the share (B, A) of it that lies near where each camera (B, P) puts each
     circle and each arc of the field, within a share of the usual distance, and its mean distance from there (B, A).
     """
-    circle_count, count = len(template.circles), len(curves_of(template))
+    circle_count, count = len(template.circles), len(template.round_ones)
     rings = template.outlines[1][circle_count:count]
     x, y = _see_places(theta, rings, model)
     # nearest place, and half a step between two places at most beside it
@@ -469,7 +468,7 @@ def find_arc(points: Array, theta: Array, template: FieldTemplate, model: Projec
     """Name of the circle or arc that nearly all pixels (N, 2) of a seen curve lie near under a camera (P,), the nearest
     one; None where there is none.
     """
-    curves = curves_of(template)
+    curves = template.round_ones
     if not curves or len(points) < 2:
         return None
     share, off = next(_lie_near_rings(theta[None], [points], template, model))

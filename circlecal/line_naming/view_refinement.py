@@ -17,7 +17,7 @@ from circlecal.geometry.camera_parameters import LOG_FOCAL, PAN, POSITION, ROLL,
 from circlecal.geometry.conics import circle_conic
 from circlecal.geometry.projective import Array, Indices, lift
 
-__all__ = ["SeenMarkings", "circle_conics", "curves_of", "distances_from_circles", "refine_views"]
+__all__ = ["SeenMarkings", "circle_conics", "distances_from_circles", "refine_views"]
 
 MOVED = [LOG_FOCAL, PAN, TILT, ROLL, *range(POSITION.start, POSITION.stop)]
 """Parameters of a camera without lens."""
@@ -57,11 +57,6 @@ class SeenMarkings:
     markings: Indices
     points: Array
     rings: Indices
-
-
-def curves_of(template: FieldTemplate) -> tuple[Circle, ...]:
-    """Circles and arcs of a field, in the order of its outlines."""
-    return (*template.circles, *template.arcs)
 
 
 def refine_views(

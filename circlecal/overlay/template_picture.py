@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from circlecal.field import Arc, Circle, FieldTemplate
+from circlecal.field import Circle, FieldTemplate
 from circlecal.files import write_atomic
 from circlecal.geometry.projective import Array
 from circlecal.overlay.canvas import Picture
@@ -52,11 +52,11 @@ def draw_template(template: FieldTemplate) -> Picture:
         return PAINT_BGR["dark" if template.polarity == "any" and name == "light" else name]
 
     drawn = template.polylines(step_m=1.0 / scale)
-    for circle in sorted(_round_ones(template), key=lambda c: -c.radius_m):
+    for circle in sorted(template.round_ones, key=lambda c: -c.radius_m):
         if circle.fill == "disc":
             cv2.fillPoly(picture, [fixed(drawn[circle.name])], paint(circle.color), cv2.LINE_AA, _SHIFT)
             cv2.polylines(picture, [fixed(drawn[circle.name])], False, PAINT_BGR["light"], 1, cv2.LINE_AA, _SHIFT)
-    for element in (*template.lines, *_round_ones(template)):
+    for element in (*template.lines, *template.round_ones):
         if not (isinstance(element, Circle) and element.fill == "disc"):
             width = template.paint_width(element) * scale
             thickness = max(round(LEAST_WIDTH_PX), round(width))
@@ -88,7 +88,3 @@ def write_template_pictures(templates: Sequence[FieldTemplate], folder: Path) ->
         write_atomic(path, cv2.imencode(".png", draw_template(template))[1].tobytes())
         written.append(path)
     return written
-
-
-def _round_ones(template: FieldTemplate) -> tuple[Circle | Arc, ...]:
-    return (*template.circles, *template.arcs)

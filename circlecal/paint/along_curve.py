@@ -156,8 +156,7 @@ def sample_curve(
     along : (N + 1,) array
         How far along the curve the places are, pixels, and how long it is.
     """
-    start, end = (circle.start_deg, circle.end_deg) if isinstance(circle, Arc) else (0.0, 360.0)
-    angle = np.radians(np.linspace(start, end, 2881))
+    angle = np.radians(np.linspace(*circle.span_deg, 2881))
 
     def project_edge(edge: CircleEdge, at: Array) -> Array:
         return view.project(view.circle_points(circle, edge, at, template))

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from circlecal.field import Circle, FieldTemplate
 from circlecal.field.view import FieldView
-from circlecal.geometry.projective import Array
 from circlecal.paint.colour import measure_added_colours
 from circlecal.paint.profiles import to_gray
 
@@ -74,13 +73,10 @@ def measure_paint(
     """
     height, width = image.shape[:2]
     angle = np.linspace(0.0, 2 * np.pi, PLACES, endpoint=False)
-    ring = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-
-    def project_ring(radius: float) -> Array:
-        return view.project(np.asarray(circle.center) + radius * ring)
-
-    middle = project_ring(template.radius(circle, "center"))
-    across = project_ring(template.radius(circle, "outer")) - project_ring(template.radius(circle, "inner"))
+    middle, outer, inner = (
+        view.project(template.curve_points(circle, edge, angle)) for edge in ("center", "outer", "inner")
+    )
+    across = outer - inner
     along = np.gradient(middle, axis=0)
     normals = np.stack([along[:, 1], -along[:, 0]], axis=-1)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)

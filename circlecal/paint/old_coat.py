@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.field import Circle, FieldTemplate
+from circlecal.field import Circle, FieldTemplate, unit_circle
 from circlecal.field.view import FieldView
 from circlecal.geometry.least_squares import NormalState, StoppingRule, minimise
 from circlecal.geometry.medians import median_of_rows
@@ -256,8 +256,7 @@ def remove_old_coat(
     """The picture (H, W) without the light of an old coat of a circle with a radius."""
     height, width = picture.shape
     reach_m = float(np.abs(coat.place_m + coat.beside_m).max()) + coat.old_width_m + REACH_M
-    turn = np.linspace(0.0, 2.0 * np.pi, OUTLINE, endpoint=False)
-    ring = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+    ring = unit_circle(np.linspace(0.0, 2.0 * np.pi, OUTLINE, endpoint=False))
     near = np.zeros((height, width), np.uint8)
     for radius, value in ((radius_m + reach_m, 1), (radius_m - reach_m, 0)):
         rim = view.project(np.asarray(circle.center) + radius * ring)

@@ -94,7 +94,7 @@ def _measure_circle_paint(
     image: NDArray[np.uint8], view: FieldView, template: FieldTemplate, seen: CirclePoints, blur_px: float
 ) -> _Paint | None:
     """The paint of a circle or an arc that was measured where a view puts it; None where the view shows none of it."""
-    circle = next(c for c in (*template.circles, *template.arcs) if c.name == seen.circle)
+    circle = next(c for c in template.round_ones if c.name == seen.circle)
     center_m = view.center_of(circle, template)
     outward_m = view.to_field(seen.points_px) - center_m
     across = view.project(center_m + (1.0 + STEP) * outward_m) - view.project(center_m + (1.0 - STEP) * outward_m)

@@ -133,7 +133,7 @@ def _lay_about_others(
     """
     camera, best, others = attempt.camera, dict(rivals), [load_field(name) for name in rivals]
     look = circle.radius_m, circle.color
-    for alike in (*template.circles, *template.arcs):
+    for alike in template.round_ones:
         if camera is None or alike.name == circle.name or (alike.radius_m, alike.color) != look:
             continue
         shift = np.append(np.subtract(alike.center, circle.center), 0.0)

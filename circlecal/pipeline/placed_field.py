@@ -374,7 +374,7 @@ def _count_telling(attempt: Attempt, template: FieldTemplate) -> int:
     """How many markings carry the camera of an attempt, without spots in the middle of a circle: they lie there
     whichever circle it is.
     """
-    centers = np.array([circle.center for circle in (*template.circles, *template.arcs)], np.float64)
+    centers = np.array([circle.center for circle in template.round_ones], np.float64)
     middles = {
         mark.name for mark in template.marks if np.linalg.norm(centers - mark.position, axis=1).min() < mark.diameter_m
     }

@@ -73,7 +73,7 @@ def measure_template(
     """
     height, width = picture.shape
     circles, curves = [], template.polylines()
-    for circle in (*template.circles, *template.arcs):
+    for circle in template.round_ones:
         points, sigma = measure_along_model(picture, view, circle, template, noise, config)
         on = lie_on_surface(points, region, width, height)
         shown = view.project(curves[circle.name])

@@ -194,7 +194,7 @@ class CameraBatch:
         """Cameras before a template as they stand before another one of other sizes: each sees the circle that lies
         nearest to its own one there.
         """
-        here, there = ((*field.circles, *field.arcs) for field in (template, other))
+        here, there = (field.round_ones for field in (template, other))
         old, new = (np.array([circle.center for circle in circles], np.float64) for circles in (here, there))
         match = np.linalg.norm(old[:, None] - new, axis=-1).argmin(axis=1)
         radii = [
@@ -246,7 +246,7 @@ def cameras_before_circles(
         right = np.array([1.0, 0.0, 0.0]) - normal * normal[:, :1]
         right /= np.linalg.norm(right, axis=1, keepdims=True)
         near = np.cross(normal, right)
-        for own, circle in enumerate((*template.circles, *template.arcs)):
+        for own, circle in enumerate(template.round_ones):
             if are_rims and circle.fill == "none":
                 continue
             center_m = np.asarray(circle.center)

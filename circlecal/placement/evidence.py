@@ -56,15 +56,14 @@ class Outlines:
     @classmethod
     def of(cls, template: FieldTemplate) -> Outlines:
         """Those of a template."""
-        round_ones = (*template.circles, *template.arcs)
+        round_ones = template.round_ones
         elements = (*round_ones, *template.lines)
         angle = np.linspace(0, 2 * np.pi, RIM_POINTS, endpoint=False)
-        ring = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
         return cls(
             nodes=template.outlines[1],
             colours=np.array([COLOURS.index(_colour_of(e.color, template.paint_width(e))) for e in elements]),
             is_optional=np.array([c.fill != "none" for c in round_ones] + [False] * len(template.lines), np.bool_),
-            rims=np.array([np.asarray(c.center) + template.radius(c, "center") * ring for c in round_ones]),
+            rims=np.array([template.curve_points(c, "center", angle) for c in round_ones]),
         )
 
     @property

@@ -144,7 +144,7 @@ def refine_placements(
     reaches = maps.width * np.geomspace(MIDDLE_SHARE, FINE_SHARE, ROUNDS)
     fitted = fit_cameras(cameras, small, outlines, maps, reaches)
     ((score, share),) = _weigh_cameras(fitted, outlines, (maps,), FINE_SHARE * maps.width)
-    circles = (*template.circles, *template.arcs)
+    circles = template.round_ones
     return [
         PlacedField(
             circles[fitted.own[k]],
@@ -179,7 +179,7 @@ def lay_over_view(
         Nothing where the view has no camera.
     """
     maps, outlines = paint.maps, Outlines.of(other).suit(paint.maps)
-    camera = CameraBatch.of_view(view, (*template.circles, *template.arcs).index(circle), maps.scaling)
+    camera = CameraBatch.of_view(view, template.round_ones.index(circle), maps.scaling)
     if camera is None:
         return ViewEvidence(0.0, 0.0, 0.0)
     camera = camera if other is template else camera.suit(template, other)

@@ -261,8 +261,7 @@ def _draw_cut_normal(rng: np.random.Generator) -> Array:
 
 def _rim(template: FieldTemplate, angles: Array) -> Array:
     circle = template.circle_by_name[template.default_circle]
-    radius = template.radius(circle, "outer")
-    return np.asarray(circle.center) + radius * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    return template.curve_points(circle, "outer", angles)
 
 
 def _field_points(template: FieldTemplate) -> _FieldPoints:

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.field import FieldTemplate
+from circlecal.field import FieldTemplate, unit_circle
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import FLAT, Surface
@@ -77,7 +77,7 @@ def circle_points(
     start = rng.random() if phase is None else phase
 
     def on_field(angles: Array) -> Array:
-        return np.asarray(element.center) + radius * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        return np.asarray(element.center) + radius * unit_circle(angles)
 
     dense = np.linspace(0.0, 2 * np.pi, _CURVE_SAMPLES + 1)
     shares = (np.arange(count) + start) / max(count, 1)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from circlecal.field import Arc, Circle, FieldTemplate, Line, Mark
+from circlecal.field import Arc, Circle, FieldTemplate, Line, Mark, unit_circle
 from circlecal.formats.soccernet import SEGMENTATION_CLASSES
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.projective import Array
@@ -140,18 +140,13 @@ def _outline(template: FieldTemplate, element: Circle | Line | Mark, width_m: fl
         aside = np.array([-along[1], along[0]]) / length * width_m / 2
         return center + aside, center - aside
     if isinstance(element, Mark):
-        inner, outer, middle, span = 0.0, element.diameter_m / 2, element.position, (0.0, 2 * np.pi)
+        inner, outer, middle, span = 0.0, element.diameter_m / 2, element.position, (0.0, 360.0)
     else:
         inner, outer = template.radius(element, "inner", width_m), template.radius(element, "outer", width_m)
-        inner, middle = 0.0 if element.fill == "disc" else inner, element.center
-        span = (
-            (np.radians(element.start_deg), np.radians(element.end_deg))
-            if isinstance(element, Arc)
-            else (0.0, 2 * np.pi)
-        )
+        inner, middle, span = 0.0 if element.fill == "disc" else inner, element.center, element.span_deg
+    first, last = np.radians(span)
     step_rad = min(_STEP_M / outer, _STEP_RADII)
-    angles = np.linspace(*span, int(np.ceil((span[1] - span[0]) / step_rad)) + 1)
-    ring = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    ring = unit_circle(np.linspace(first, last, int(np.ceil((last - first) / step_rad)) + 1))
     return np.asarray(middle) + outer * ring, np.asarray(middle) + inner * ring
 
 

@@ -9,7 +9,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from circlecal.errors import ConfigError
-from circlecal.field import FieldTemplate, evaluate_size, field_folder, field_names, load_field, template_from_mapping
+from circlecal.field import (
+    COMPASS,
+    FieldTemplate,
+    evaluate_size,
+    field_folder,
+    field_names,
+    load_field,
+    template_from_mapping,
+    unit_circle,
+)
 
 NAMES = field_names()
 
@@ -234,3 +243,22 @@ def test_sizes_that_the_rules_allow():
     assert length.beyond_rules(least - 2.0) == length.beyond_rules(most + 2.0) == pytest.approx(2.0)
     assert length.beyond_rules(105.0) < 0.0
     assert all(extent.beyond_rules(1000.0) == -np.inf for extent in load_field("ice-hockey-nhl").extents)
+
+
+def test_a_full_circle_is_an_arc_all_round():
+    template = load_field("soccer")
+    full = [circle.span_deg for circle in template.round_ones]
+    assert full == [(0.0, 360.0)] * len(template.circles) + [(arc.start_deg, arc.end_deg) for arc in template.arcs]
+    drawn = template.polylines(1.0)["centre_circle"]
+    assert drawn[0] == pytest.approx(drawn[-1])
+
+
+def test_directions_have_their_names_as_the_main_camera_sees_them():
+    # x to the right, y towards the camera
+    assert list(COMPASS) == [
+        *("right", "bottom_right", "bottom", "bottom_left", "left", "top_left", "top", "top_right"),
+    ]
+    assert COMPASS["top"] == pytest.approx([0.0, -1.0])
+    assert COMPASS["bottom_left"] == pytest.approx(np.array([-1.0, 1.0]) / np.sqrt(2.0))
+    angles = np.arctan2(*np.array(list(COMPASS.values())).T[::-1])
+    assert np.array(list(COMPASS.values())) == pytest.approx(unit_circle(angles))

@@ -158,7 +158,7 @@ def _real_frames(folder: Path, template: FieldTemplate) -> Iterator[tuple[Path, 
     files = sorted((folder / "truth").glob("*.json"))
     if not files:
         raise InputError(f"{folder}: has no truth/*.json; give a folder with images and truth")
-    classes = {e.class_name: e.name for e in (*template.circles, *template.arcs, *template.lines) if e.class_name}
+    classes = {e.class_name: e.name for e in (*template.round_ones, *template.lines) if e.class_name}
     for file in files:
         content: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
         usable = content.get("usable") is not False and content.get("field", template.name) == template.name
@@ -288,7 +288,7 @@ def _names(annotation: Annotation, truth: Truth, template: FieldTemplate) -> Ite
 
 
 def _is_curve(name: str, template: FieldTemplate) -> bool:
-    return any(name == element.name for element in (*template.circles, *template.arcs))
+    return any(name == element.name for element in template.round_ones)
 
 
 def _marks(

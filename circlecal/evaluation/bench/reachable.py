@@ -7,7 +7,7 @@ import numpy as np
 from circlecal.camera.options import CameraConfig
 from circlecal.camera.world import FLAT_SD_M
 from circlecal.evaluation.bench.bounds import bound_covariance
-from circlecal.field import Arc, Circle, FieldTemplate, Line
+from circlecal.field import Circle, FieldTemplate, Line
 from circlecal.geometry.camera_parameters import ProjectionModel, project, theta_of
 from circlecal.geometry.projective import Array, Mask
 from circlecal.geometry.surface import Surface
@@ -83,10 +83,12 @@ def visible_observations(truth: Truth, template: FieldTemplate) -> Observations:
     surface = truth.surface
     unit = camera.width / 1920.0
     spread = unit * np.sqrt(CORRELATION_PX / _SPACING_PX)
-    elements: tuple[Circle | Line, ...] = (*truth.painted.circles, *truth.painted.arcs, *truth.painted.lines)
+    painted = truth.painted
+    elements: tuple[Circle | Line, ...] = (*painted.round_ones, *painted.lines)
+    middles = painted.polylines(_STEP_M * painted.circle_by_name[painted.default_circle].radius_m / _SOCCER_RADIUS_M)
     circles, lines = [], []
     for element in elements:
-        pixels = camera.project(surface.lift(_middle(truth.painted, element)))
+        pixels = camera.project(surface.lift(middles[element.name]))
         pixels = pixels[_is_uncovered(truth, pixels, class_id(template, element))]
         pixels = _thin(pixels, _SPACING_PX * unit)
         if len(pixels) < 2:
@@ -99,20 +101,6 @@ def visible_observations(truth: Truth, template: FieldTemplate) -> Observations:
     seen_mark = truth.center_mark == "visible"
     marks = (MarkPoint("centre_mark", truth.imaged_center_px, MARK_SIGMA_PX * unit),) if seen_mark else ()
     return Observations(camera.width, camera.height, tuple(circles), tuple(lines), marks)
-
-
-def _middle(template: FieldTemplate, element: Circle | Line) -> Array:
-    """Places (N, 2) along the middle of an element's paint, metres."""
-    step_m = _STEP_M * template.circle_by_name[template.default_circle].radius_m / _SOCCER_RADIUS_M
-    if isinstance(element, Line):
-        start, end = template.line_ends(element)
-        count = int(np.linalg.norm(end - start) / step_m) + 2
-        return np.asarray(np.linspace(start, end, count))
-    radius = template.radius(element, "center")
-    first, last = (element.start_deg, element.end_deg) if isinstance(element, Arc) else (0.0, 360.0)
-    count = int(np.radians(last - first) * radius / step_m) + 2
-    angle = np.radians(np.linspace(first, last, count))
-    return np.asarray(element.center) + radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
 def _is_uncovered(truth: Truth, pixels: Array, painted: int) -> Mask:

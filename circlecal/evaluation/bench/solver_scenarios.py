@@ -15,7 +15,7 @@ import numpy as np
 from circlecal.camera.options import CameraConfig
 from circlecal.errors import ConfigError
 from circlecal.evaluation.bench.scenarios import FACEOFF_PAIR, KNOWN, faceoff_camera, hockey, soccer
-from circlecal.field import Circle, FieldTemplate
+from circlecal.field import Circle, FieldTemplate, unit_circle
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.projective import Array
 from circlecal.observations import CircleEdge, Keypoint, LinePoints, MarkPoint, Observations
@@ -168,7 +168,7 @@ def _keypoints_view(camera: Camera, noise_px: float, rng: np.random.Generator) -
     """What a keypoint detector gives: the centre and eight points of the circle by name."""
     template, circle = soccer()
     angles = np.arange(8) * np.pi / 4
-    rim = template.radius(circle, "outer") * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    rim = template.radius(circle, "outer") * unit_circle(angles)
     return _view_with_keypoints(camera, noise_px, rng, np.concatenate([np.zeros((1, 2)), rim]))
 
 
@@ -184,7 +184,7 @@ def _wide_camera(rng: np.random.Generator) -> Camera:
     arc = template.circle_by_name["penalty_arc_right"]
     angles = np.concatenate([np.linspace(0, 2 * np.pi, 60), np.radians(np.linspace(126.95, 233.05, 20))])
     centers = np.concatenate([np.tile(circle.center, (60, 1)), np.tile(arc.center, (20, 1))])
-    rim = centers + 9.15 * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    rim = centers + 9.15 * unit_circle(angles)
     for _ in range(_ATTEMPTS):
         distance, height, x = rng.uniform(45, 90), rng.uniform(8, 25), rng.uniform(-12, 12)
         position = np.array([x, np.sqrt(distance**2 - height**2 - x**2), -height])
@@ -201,7 +201,7 @@ def _circle_and_arc_view(camera: Camera, noise_px: float, rng: np.random.Generat
     template, _ = soccer()
     angles = np.radians(np.linspace(126.95, 233.05, 50))
     arc = template.circle_by_name["penalty_arc_right"]
-    points = np.asarray(arc.center) + arc.radius_m * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    points = np.asarray(arc.center) + arc.radius_m * unit_circle(angles)
     pixels = camera.project(points) + noise_px * rng.standard_normal((50, 2))
     circle = circle_points(camera, template, "outer", 200, noise_px, rng)
     second = replace(
