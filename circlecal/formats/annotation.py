@@ -469,11 +469,9 @@ def annotation_bytes(annotation: Annotation) -> bytes:
 
 
 def write(frames: Sequence[AnnotatedFrame]) -> bytes:
-    """Content of a file from shapes of another format, which must carry names of the template or SoccerNet's."""
-    from circlecal.formats.meaning import SourcesConfig, observe
-
+    """Content of a file from what a frame of another format was understood to show."""
     (frame,) = frames
-    seen = observe(frame, load_field(frame.field), SourcesConfig(), FORMAT.name, frame.id).observations
+    seen = frame.observations or Observations(frame.width, frame.height)
     return annotation_bytes(annotation_of_shapes(frame, seen, frame.field))
 
 
@@ -481,4 +479,11 @@ def _recognise(content: Content) -> bool:
     return content.mapping.keys() >= {"annotation_version", "markings"}
 
 
-FORMAT = AnnotationFormat(name="workbench", recognises=_recognise, read=read, write=write, file_name="{id}.json")
+FORMAT = AnnotationFormat(
+    name="workbench",
+    recognises=_recognise,
+    read=read,
+    write=write,
+    file_name="{id}.json",
+    writes_observations=True,
+)

@@ -20,7 +20,7 @@ from circlecal.field.view import FieldView
 from circlecal.formats.shapes import AnnotatedFrame, Shape
 from circlecal.geometry.camera import Camera, camera_from_homography, camera_from_soccernet, image_center
 from circlecal.geometry.homography import dlt, is_invertible, scale_homography
-from circlecal.geometry.projective import Array
+from circlecal.geometry.projective import Array, apply_homography
 from circlecal.records.record import ResultRecord
 from circlecal.results import FrameCalibration
 
@@ -77,6 +77,9 @@ class CameraFrame:
         Name of the picture, where the file has one.
     is_stretched : bool
         Whether the pixels of the pictures are not square, and those of the format are: the camera is another one.
+    loss_px : float
+        By how much the field in view lies beside where the picture shows it, at most, where a homography stands for a
+        camera with a lens; pixels.
     """
 
     id: str
@@ -86,6 +89,7 @@ class CameraFrame:
     H_image_field: Array | None = None
     image: str | None = None
     is_stretched: bool = False
+    loss_px: float = 0.0
 
     @property
     def is_accepted(self) -> bool:
@@ -115,17 +119,19 @@ class CameraFrame:
         InputError
             No camera fits the homography, or the camera lies in the plane of the field.
         """
-        H = self.H_image_field
-        if H is None and self.camera is not None:
+        H, seen = self.H_image_field, None
+        if self.camera is not None and (H is None or holds == "homography"):
             view = FieldView(self.camera)
-            H = nearest_homography(view, *_visible_field(view, template))
+            seen = _visible_field(view, template)
+            H = nearest_homography(view, *seen) if H is None else H
         if H is not None and not is_invertible(H):
             raise InputError(
                 "its camera lies in the plane of the field, or beyond all bounds, and its homography cannot be "
                 "inverted; correct its position (position_meters, z below 0) or leave the file out"
             )
         if holds == "homography":
-            return replace(self, H_image_field=H)
+            loss_px = 0.0 if H is None or seen is None else _largest_loss(H, *seen)
+            return replace(self, H_image_field=H, loss_px=loss_px)
         camera = self.require_camera()
         if holds == "camera":
             return replace(self, camera=camera, H_image_field=H)
@@ -253,7 +259,8 @@ class CalibratedFrame:
         """
         H = self.picture_homography
         if holds == "homography":
-            return CameraFrame(self.id, self.width, self.height, None, H, self.image)
+            loss_px = _largest_loss(H, *self.visible_field)
+            return CameraFrame(self.id, self.width, self.height, None, H, self.image, loss_px=loss_px)
         whole = CameraFrame(self.id, self.width, self.height, self.flat, H, self.image).resize(size)
         whole = whole.with_square_pixels() if holds == "centred camera" and size is None else whole
         return whole if whole.camera is None else whole.reduce(holds, self.template)
@@ -273,6 +280,11 @@ def nearest_homography(view: FieldView, points_m: Array, points_px: Array) -> Ar
     exact = not isinstance(camera, Camera) or (not np.any(camera.kappa) and view.surface.is_flat)
     found = None if exact or len(points_m) < _MIN_GRID else dlt(points_m, points_px)
     return scale_homography(camera.homography if found is None else found.H)
+
+
+def _largest_loss(H: Array, points_m: Array, points_px: Array) -> float:
+    """How far a homography (3, 3) shows points (N, 2) of the field beside their pixels (N, 2), at most."""
+    return float(np.linalg.norm(apply_homography(H, points_m) - points_px, axis=1).max(initial=0.0))
 
 
 def center_camera(camera: Camera, template: FieldTemplate) -> Camera:

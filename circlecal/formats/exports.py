@@ -18,7 +18,7 @@ from circlecal.formats.annotation import draw_measured
 from circlecal.formats.cameras import CalibratedFrame, CameraFrame, Size, as_size
 from circlecal.formats.format import AnnotationFormat, CameraFormat
 from circlecal.formats.inputs import FrameOfFile
-from circlecal.formats.meaning import SourcesConfig, observe, sure_shapes
+from circlecal.formats.meaning import SourcesConfig, observe, sure_shapes, understand
 from circlecal.formats.registry import (
     RESULT,
     annotation_formats,
@@ -35,6 +35,8 @@ from circlecal.records.json_text import read_result
 from circlecal.records.log import is_log, read_records
 from circlecal.records.record import ResultRecord
 
+TOLD_LOSS_PX = 0.1
+"""By so many pixels a written homography must leave a lens to be told: a digit of what is printed."""
 F = TypeVar("F", AnnotatedFrame, CameraFrame)
 _log = logging.getLogger(__name__)
 
@@ -86,6 +88,7 @@ class Exports:
         self._cameras: dict[str, list[CameraFrame]] = defaultdict(list)
         self._shapes: dict[str, list[AnnotatedFrame]] = defaultdict(list)
         self._refused: list[AnnotatedFrame] = []
+        self._losses: dict[str, list[CameraFrame]] = defaultdict(list)
         self.written: list[Path] = []
 
     def require_apart(self, ids: Iterable[str]) -> None:
@@ -140,7 +143,9 @@ class Exports:
             return
         for target in self._targets:
             if isinstance(target, CameraFormat):
-                self._cameras[target.name].append(frame.reduce(target.holds, self._size))
+                camera = frame.reduce(target.holds, self._size)
+                self._cameras[target.name].append(camera)
+                self._losses[target.name].append(camera)
             elif target.derive is not None:
                 self._shapes[target.name].append(target.derive(frame, observed.original if observed else None))
             if target.per_frame:
@@ -172,6 +177,9 @@ class Exports:
         for target in self._targets:
             if any_frame and not target.per_frame:
                 self._write(target)
+        for name, cameras in self._losses.items():
+            _note_lost_lenses(cameras, name)
+        self._losses.clear()
 
     def _write(self, target: AnnotationFormat | CameraFormat) -> None:
         if isinstance(target, CameraFormat):
@@ -329,6 +337,7 @@ def convert(
             _log.warning("%s", loss)
     elif goal.cameras and cameras:
         contents = _camera_files(_number(cameras), goal.cameras, folder)
+        _note_lost_lenses(cameras, goal.name)
     else:
         raise InputError(f"{paths[0]}: holds no accepted frame; nothing to convert")
     _require_apart(contents, paths)
@@ -492,6 +501,8 @@ def _annotation_files(
     """Content by path; ``tag`` follows the id in the names of files of one frame."""
     if target.write is None:
         return {}
+    if target.writes_observations:
+        frames = [understand(frame, target.name) for frame in frames]
     if not target.per_frame:
         return {folder / target.file_name: target.write(frames)}
     return {_path_of(target, frame.id, folder, tag): target.write([frame]) for frame in frames}
@@ -510,6 +521,21 @@ def _camera_files(frames: Sequence[CameraFrame], target: CameraFormat, folder: P
     if not target.per_frame:
         return {folder / target.file_name: target.write(frames)}
     return {_path_of(target, frame.id, folder): target.write([frame]) for frame in frames}
+
+
+def _note_lost_lenses(frames: Sequence[CameraFrame], target: str) -> None:
+    """Say once of all frames that a format holds no lens, and what that costs."""
+    lossy = sorted((frame for frame in frames if frame.loss_px >= TOLD_LOSS_PX), key=lambda frame: frame.loss_px)
+    if lossy:
+        of_all = f"; of {len(lossy)} frames {lossy[len(lossy) // 2].loss_px:.1f} in the middle" if lossy[1:] else ""
+        _log.warning(
+            "%s: %s holds no lens; the homography nearest to it is written, and the field in view lies up to %.1f "
+            "pixels beside where the picture shows it%s",
+            lossy[-1].id,
+            target,
+            lossy[-1].loss_px,
+            of_all,
+        )
 
 
 def _tag(target: AnnotationFormat) -> str:

@@ -152,6 +152,9 @@ class AnnotationFormat(OutsideFormat):
         Whether points are as sure as a network said.
     draws_measured : bool
         Whether a refused frame is written with what was measured in it, for people to go on from.
+    writes_observations : bool
+        Whether a file holds what a frame was understood to show: ``write`` takes frames with their observations
+        (:func:`circlecal.formats.meaning.understand`), not their shapes.
     requires : callable or None
         Raises InputError of a field that the format has no names for; None where it takes every field.
     """
@@ -163,6 +166,7 @@ class AnnotationFormat(OutsideFormat):
     marks_line_ends: bool = False
     holds_confidence: bool = False
     draws_measured: bool = False
+    writes_observations: bool = False
     requires: Callable[[FieldTemplate], object] | None = None
     kind: ClassVar[Kind] = "annotation"
 

@@ -16,7 +16,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
-from circlecal.field import COMPASS, Circle, FieldTemplate
+from circlecal.field import COMPASS, Circle, FieldTemplate, load_field
 from circlecal.formats import pnlcalib
 from circlecal.formats.cameras import CENTRE, TANGENT, Size
 from circlecal.formats.registry import annotation_formats, read_annotations
@@ -124,6 +124,19 @@ def observe(
         observations = add_halfway_ends(observations, template)
     warnings = (*frame.warnings, *reading.warnings)
     return ObservedFrame(frame.id, frame.width, frame.height, observations, frame.image, warnings, frame.original)
+
+
+def understand(frame: AnnotatedFrame, source: str) -> AnnotatedFrame:
+    """The frame with the observations of its field, with default standard deviations of a format, for files that hold
+    these.
+
+    Raises
+    ------
+    ConfigError
+        There is no field of that name.
+    """
+    seen = observe(frame, load_field(frame.field), SourcesConfig(), source, frame.id)
+    return replace(frame, observations=seen.observations)
 
 
 def read_observations(

@@ -1,23 +1,19 @@
 """WorldCup 2014 ``*.homographyMatrix``: nine numbers of text, picture (1280x720) to template in yards, in and out.
 
-The template's origin is the top left corner of the field, x along the length, y down towards the camera. Two
-conversions to metres about the centre mark are in use, and they do not agree by up to 17 cm:
-
-``tvcalib``
-    A template of 115 x 74 yards: metres = 0.9144 (yards - (57.5, 37)). The default.
-``pnlcalib``
-    A pitch of 105 x 68 m: yards = 1.09361 (metres + (52.5, 34)), so the template is 114.83 x 74.37 yards.
+The template's origin is the top left corner of the field, x along the length, y down towards the camera. It is 115 x 74
+yards, as TVCalib has it: metres about the centre mark = 0.9144 (yards - (57.5, 37)). PnLCalib takes a pitch of 105 x
+68 m, yards = 1.09361 (metres + (52.5, 34)), and the two do not agree by up to 17 cm.
 
 Pixels are taken as ours at 1280x720; pictures of other sizes are stretched to it corner to corner, and back where their
 size is given. There is no room for a lens: what is written is the homography nearest to lens and surface over the field
-in view. A refused frame has no file, and fields that are no soccer pitch have none.
+in view, and by how much it leaves the picture is told. A refused frame has no file, and fields that are no soccer pitch
+have none.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -28,26 +24,22 @@ from circlecal.formats.format import CameraFormat, Content
 from circlecal.geometry.homography import is_invertible, scale_homography
 from circlecal.geometry.projective import Array
 
-Conversion = Literal["tvcalib", "pnlcalib"]
 PICTURE: Size = (1280, 720)
 SUFFIX = ".homographyMatrix"
 _LARGEST = 1e9
 _SOCCER_LINES = ("side_line_right", "big_rect_right_main", "small_rect_right_main")
 """Which fields of all sports only soccer pitches have together."""
 _LONGEST_FILE = 4096
-_METRES_PER_YARD, _YARDS_PER_METRE = 0.9144, 1.09361
+_METRES_PER_YARD, _CORNER_YARDS = 0.9144, (57.5, 37.0)
 
 
-def yards_from_metres(conversion: Conversion = "tvcalib") -> Array:
+def yards_from_metres() -> Array:
     """Field (metres about the centre mark) to template (yards from the corner), (3, 3)."""
-    if conversion == "tvcalib":
-        scale, corner = 1.0 / _METRES_PER_YARD, (57.5, 37.0)
-    else:
-        scale, corner = _YARDS_PER_METRE, (52.5 * _YARDS_PER_METRE, 34.0 * _YARDS_PER_METRE)
-    return np.array([[scale, 0.0, corner[0]], [0.0, scale, corner[1]], [0.0, 0.0, 1.0]])
+    scale, (x, y) = 1.0 / _METRES_PER_YARD, _CORNER_YARDS
+    return np.array([[scale, 0.0, x], [0.0, scale, y], [0.0, 0.0, 1.0]])
 
 
-def read_matrix(path: Path, content: bytes, conversion: Conversion = "tvcalib") -> CameraFrame:
+def read_matrix(path: Path, content: bytes) -> CameraFrame:
     """The homography of a file, as one from field to picture at 1280x720.
 
     Raises
@@ -59,7 +51,7 @@ def read_matrix(path: Path, content: bytes, conversion: Conversion = "tvcalib") 
     if np.abs(matrix).max() > _LARGEST or not is_invertible(matrix):
         raise InputError(f"{path}: the matrix cannot be inverted")
     template_to_image = np.linalg.inv(matrix)
-    H = scale_homography(template_to_image @ yards_from_metres(conversion))
+    H = scale_homography(template_to_image @ yards_from_metres())
     return CameraFrame(path.name.removesuffix(path.suffix), *PICTURE, H_image_field=H)
 
 
@@ -81,9 +73,9 @@ def parse_matrix(path: Path, content: bytes) -> Array:
     return np.array(values).reshape(3, 3)
 
 
-def matrix_bytes(H_image_field: Array, size: Size, conversion: Conversion = "tvcalib") -> bytes:
+def matrix_bytes(H_image_field: Array, size: Size) -> bytes:
     """Content of a file for a homography from field (metres) to pictures of ``size``; numbers keep all their digits."""
-    field_to_template = yards_from_metres(conversion)
+    field_to_template = yards_from_metres()
     matrix = scale_homography(field_to_template @ np.linalg.inv(_stretch_to_picture(size) @ H_image_field))
     return "".join(" ".join(repr(float(v)) for v in row) + "\n" for row in matrix).encode()
 

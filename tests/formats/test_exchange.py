@@ -11,6 +11,7 @@ import pytest
 
 from circlecal.errors import InputError
 from circlecal.field import field_folder, load_field
+from circlecal.field.view import FieldView
 from circlecal.formats import (
     broadtrack,
     coco,
@@ -24,12 +25,13 @@ from circlecal.formats import (
     worldcup,
 )
 from circlecal.formats.annotation import Annotation, annotation_bytes, markings_of
-from circlecal.formats.cameras import CameraFrame
+from circlecal.formats.cameras import CalibratedFrame, CameraFrame
 from circlecal.formats.exports import convert
 from circlecal.formats.format import json_bytes
 from circlecal.formats.meaning import SourcesConfig, read_observations
 from circlecal.formats.registry import open_file, read_annotations
 from circlecal.formats.shapes import AnnotatedFrame, Shape
+from circlecal.geometry.projective import apply_homography
 from circlecal.observations import CirclePoints, Observations
 
 
@@ -268,6 +270,29 @@ def test_a_camera_in_the_plane_of_the_field_is_refused_in_one_line(frame_camera,
     with pytest.raises(InputError, match=r"camera_flat\.json: its camera lies in the plane .*position_meters") as told:
         convert([path], None, target, tmp_path / "out", soccer)
     assert "\n" not in str(told.value)
+
+
+def test_what_a_format_without_a_lens_loses_is_told_once(frame_camera, soccer, tmp_path, caplog):
+    paths = []
+    for number, kappa in enumerate((0.02, 0.04, 0.0)):
+        frame = CameraFrame(f"frame{number}", 960, 540, replace(frame_camera, kappa=np.array([kappa, 0.0])))
+        paths.append(tmp_path / f"camera_{number}.json")
+        paths[-1].write_bytes(soccernet_camera.write([frame]))
+    written = convert(paths, None, "worldcup", tmp_path / "out", soccer)
+    (told,) = [record.getMessage() for record in caplog.records]
+    assert "worldcup holds no lens" in told
+    camera, (read,) = replace(frame_camera, kappa=np.array([0.04, 0.0])), read_cameras(written[1], (960, 540))
+    points, pixels = CalibratedFrame(
+        "a", 960, 540, FieldView(camera), soccer, soccer.circle_by_name["centre_circle"]
+    ).visible_field
+    away = np.linalg.norm(apply_homography(read.H_image_field, points) - pixels, axis=1).max()
+    assert away > 1.0
+    assert f"up to {away:.1f} pixels" in told
+    assert "; of 2 frames" in told
+    caplog.clear()
+    convert(paths[2:], None, "worldcup", tmp_path / "straight", soccer)
+    convert(paths, None, "tvcalib", tmp_path / "lens", soccer)
+    assert not caplog.records
 
 
 def test_several_files_become_one(files, soccer, tmp_path):

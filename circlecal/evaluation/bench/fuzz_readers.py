@@ -20,7 +20,7 @@ from circlecal.errors import CirclecalError
 from circlecal.field import FieldTemplate, field_folder, load_field
 from circlecal.formats.cameras import CalibratedFrame
 from circlecal.formats.format import AnnotationFormat, CameraFormat
-from circlecal.formats.meaning import observe
+from circlecal.formats.meaning import observe, understand
 from circlecal.formats.registry import annotation_formats, camera_formats, open_file, parse_annotations
 from circlecal.formats.shapes import AnnotatedFrame, Shape
 from circlecal.geometry.camera import Camera
@@ -354,7 +354,8 @@ def _seeds_of(known: AnnotationFormat | CameraFormat) -> Callable[[], Sequence[S
     def seeds() -> list[Seed]:
         suffix = Path(known.file_name).suffix
         if isinstance(known, AnnotationFormat):
-            return [] if known.write is None else [Seed(suffix, known.write([_frame()]))]
+            frame = understand(_frame(), known.name) if known.writes_observations else _frame()
+            return [] if known.write is None else [Seed(suffix, known.write([frame]))]
         circle = _field().circle_by_name[_field().default_circle]
         stored = CalibratedFrame.of(_record(), _field(), circle)
         return [] if stored is None else [Seed(suffix, known.write([stored.reduce(known.holds, SIZE)]))]
