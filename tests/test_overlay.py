@@ -369,6 +369,19 @@ def test_sigma_that_counts_from_what_was_seen_leaves_the_length_of_the_field_out
     assert sigma_over_picture(count_sigma_from_seen(replace(view, covariance=None), (0.5, 0.0)), SOCCER) is None
 
 
+def test_the_grid_of_sigmas_lies_on_the_middles_of_its_cells():
+    # an uncertain focal length moves what is seen away from the middle of the picture, as far as it is away
+    camera = replace(_camera(960, 540), principal_point_px=image_center(960, 540), kappa=np.zeros(2))
+    covariance = np.zeros((len(PARAMETERS), len(PARAMETERS)))
+    covariance[INDEX["log_focal"], INDEX["log_focal"]] = 0.01**2
+    grid = sigma_over_picture(FieldView(camera, covariance=covariance), SOCCER)
+    x, y = np.meshgrid(np.arange(4.5, 960, 10), np.arange(4.5, 540, 10))
+    away = 0.01 * np.hypot(x - 479.5, y - 269.5)
+    known = np.isfinite(grid)
+    assert known.sum() > 500
+    np.testing.assert_allclose(grid[known], away[known], rtol=1e-6)
+
+
 @pytest.mark.parametrize("size", [(398, 224), (640, 360), (2560, 1440), (360, 640), (900, 200), (64, 48), (1, 1)])
 def test_every_size_of_picture(size):
     camera = _camera(*size)

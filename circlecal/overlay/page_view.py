@@ -11,6 +11,7 @@ import numpy as np
 
 from circlecal.field.view import FieldView
 from circlecal.geometry.camera import Camera
+from circlecal.geometry.projective import Array
 
 GRID = (32, 18)
 """Columns and rows of the places at which the standard deviation is told; it changes slowly over a picture."""
@@ -35,6 +36,15 @@ def describe_view(view: FieldView) -> dict[str, Any]:
     }
 
 
+def cell_centers(view: FieldView, columns: int, rows: int) -> Array:
+    """Middles (rows, columns, 2) of the cells of a grid over the whole picture, pixels: it begins half a pixel before
+    the middle of the first one.
+    """
+    size = np.array([view.camera.width, view.camera.height])
+    cells = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1)
+    return np.asarray((cells + 0.5) * size / (columns, rows) - 0.5)
+
+
 def sigma_grid(view: FieldView, grid: tuple[int, int] = GRID) -> dict[str, Any] | None:
     """Standard deviations at the centres of a grid over the picture, px and m, row by row; None where not known.
 
@@ -51,9 +61,7 @@ def sigma_grid(view: FieldView, grid: tuple[int, int] = GRID) -> dict[str, Any] 
         ``columns``, ``rows``, and the lists ``px`` and ``m``, in which None stands above the horizon.
     """
     columns, rows = grid
-    width, height = view.camera.width, view.camera.height
-    x, y = np.meshgrid((np.arange(columns) + 0.5) * width / columns, (np.arange(rows) + 0.5) * height / rows)
-    on_ground = view.to_field(np.stack([x, y], axis=-1).reshape(-1, 2) - 0.5, sigma=True)
+    on_ground = view.to_field(cell_centers(view, columns, rows).reshape(-1, 2), sigma=True)
     in_picture = view.project(on_ground.points, sigma=True).sigma
     if on_ground.sigma is None or in_picture is None:
         return None

@@ -12,6 +12,7 @@ from circlecal.field import FieldTemplate
 from circlecal.field.view import FieldView
 from circlecal.geometry.projective import Array
 from circlecal.overlay.canvas import Canvas
+from circlecal.overlay.page_view import cell_centers
 from circlecal.overlay.palette import CIRCLE, TEMPLATE, Color
 
 _MARGIN = 0.6
@@ -28,7 +29,7 @@ def pixels_near_picture(view: FieldView, points_m: Array) -> Array:
     """Pixels (N, 2) of field points (N, 2), nan where they are not visible or far outside the picture."""
     pixels = view.project(points_m)
     size = np.array([view.camera.width, view.camera.height])
-    near = (np.abs(pixels - size / 2) <= (0.5 + _MARGIN) * size).all(axis=-1, keepdims=True)
+    near = (np.abs(pixels - (size - 1) / 2) <= (0.5 + _MARGIN) * size).all(axis=-1, keepdims=True)
     return np.asarray(np.where(near, pixels, np.nan))
 
 
@@ -90,10 +91,8 @@ def sigma_over_picture(view: FieldView, template: FieldTemplate) -> Array | None
     """Standard deviation in pixels on a grid (R, COLUMNS) of the picture, nan off the field; None where the
     covariance of the camera is not known.
     """
-    width, height = view.camera.width, view.camera.height
-    rows = max(2, round(COLUMNS * height / width))
-    x, y = np.meshgrid((np.arange(COLUMNS) + 0.5) * width / COLUMNS, (np.arange(rows) + 0.5) * height / rows)
-    field = view.to_field(np.stack([x, y], axis=-1))
+    rows = max(2, round(COLUMNS * view.camera.height / view.camera.width))
+    field = view.to_field(cell_centers(view, COLUMNS, rows))
     half = np.array([template.length_m, template.width_m]) / 2 + 1.0
     field[~(np.abs(field) <= half).all(axis=-1)] = np.nan
     return view.project(field, sigma=True).sigma
