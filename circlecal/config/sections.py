@@ -36,6 +36,7 @@ TOLD_APART = (
     "basketball",
     "basketball-nba",
     "basketball-ncaa",
+    "basketball-nfhs",
     "futsal",
     "handball",
 )

@@ -147,6 +147,7 @@ RULES = {
         FT,
         basketball(94, 50, 6, 19, 12, 22 + 1.75 * INCH, 5.25, 40.125 * INCH, 9 + 10.375 * INCH, half=INCH),
     ),
+    "basketball-nfhs": (FT, basketball(84, 50, 6, 19, 12, 19 + 9 * INCH, 5.25, 5.25, 5.25, half=INCH)),
     # the Standard Platform League's figure, to the middle of the lines
     "robocup": (M, soccer(9, 6, 1.65, 4, 1.3, 0.75, (0.6, 2.2))),
     "robocup-kid": (M, soccer(9, 6, 2, 5, 1.5, 0.75, (1, 3))),
@@ -234,7 +235,8 @@ PAINT = {
     "beach-soccer": (0.1, M),
     "futsal": (0.08, M), "handball": (0.05, M), "ice-hockey": (0.05, M), "ice-hockey-nhl": (2 * INCH, FT),
     "basketball": (0.05, M), "basketball-fiba-2009": (0.05, M), "basketball-nba": (2 * INCH, FT),
-    "basketball-ncaa": (2 * INCH, FT), "robocup": (0.05, M), "robocup-kid": (0.05, M), "robocup-adult": (0.05, M),
+    "basketball-ncaa": (2 * INCH, FT), "basketball-nfhs": (2 * INCH, FT),
+    "robocup": (0.05, M), "robocup-kid": (0.05, M), "robocup-adult": (0.05, M),
     "robocup-msl": (0.125, M), "robocup-ssl": (0.01, M), "robocup-ssl-a": (0.01, M),
     "field-hockey": (0.075, M), "australian-football": (0.1, M), "curling": (0.5 * INCH, FT),
     "netball": (0.05, M), "wrestling": (0.1, M), "lacrosse": (0.05, M),
@@ -301,7 +303,9 @@ def test_the_free_throw_semicircle_is_about_the_middle_of_the_lines_paint():
     assert line[0, 0] == pytest.approx(8.225)
 
 
-@pytest.mark.parametrize("name", ["basketball", "basketball-nba", "basketball-ncaa", "basketball-fiba-2009"])
+@pytest.mark.parametrize(
+    "name", ["basketball", "basketball-nba", "basketball-ncaa", "basketball-nfhs", "basketball-fiba-2009"]
+)
 def test_the_three_point_arc_ends_where_its_straight_part_does(name):
     template = load_field(name)
     arc = template.polylines()["three_point_right"][[0, -1]]
