@@ -308,6 +308,12 @@ CHECKS: dict[str, Gate] = {
     "rival_ratio": Gate(
         "circle_open", "how many times more speaks for this circle of the field than for the next one", at_least=True
     ),
+    "painted_width_m": Gate(
+        "other_field",
+        "greatest width that the paint of circle and lines may have on a floor, m",
+        at_least=True,
+        words="the lines would be thinner than lines on floors are painted: it is a larger field of another sport",
+    ),
     "other_field_ratio": Gate(
         "other_field", "how many times more speaks for the likeliest other league's or sport's field than for this one"
     ),

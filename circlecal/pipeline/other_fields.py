@@ -19,9 +19,10 @@ from circlecal.pipeline.attempts import add_checks, refuse_as_open
 from circlecal.pipeline.field_paint import look_for_paint
 from circlecal.pipeline.leagues import lay_over_attempt, weigh
 from circlecal.pipeline.placed_view import FEWEST_CARRYING, count_carrying
-from circlecal.pipeline.setting import Scene, Setting
+from circlecal.pipeline.setting import Scene, Setting, lighten_markings
 from circlecal.placement import SeenPaint, ViewEvidence, weigh_view
 from circlecal.results import Attempt, Check, Verdict
+from circlecal.stages.evidence import bound_paint_width
 
 FIELD_RATIO = 1.2
 """How many times more must speak for another field, evidence times the share of the paint that it explains, for this
@@ -44,6 +45,15 @@ about each of its size and colour: four rendered rinks under the other league an
 to 0.56 with wrong cameras, right cameras of rendered rinks and courts 0.94 to 1. On real rinks, where adverts are
 painted, right ones have 0.37 to 0.56, so that what is laid there decides.
 """
+LEAST_PAINT_M, LEAST_PAINT_SHARE = 0.04, 0.8
+"""Least width of the paint of circles and lines on floors, metres, and share of the template's where that is thin: halls are painted 5 to 8 cm wide. Where a pitch of
+soccer is taken for a field with a smaller circle, its lines of 10 to 12 cm would be 1.5 to 3 cm wide on a handball or
+basketball court, and 3.3 to 3.9 cm on one of futsal.
+"""
+FLOORS = "floor", "any"
+"""Grounds of the templates of halls."""
+OF_ANY_SCALE = ("soccer",)
+"""Sports whose circles have several sizes on fields of any size."""
 NOTHING = 0.01
 """Evidence that counts as none, picture widths: no ratio is larger than a hundred times that of another field."""
 
@@ -63,8 +73,9 @@ def refuse_other_field(setting: Setting, scene: Scene, attempt: Attempt) -> Atte
     if mask.source != "detector" or circle is None:
         return attempt
     with setting.clock("verdict"):
+        attempt = _refuse_thin_paint(setting, scene, attempt)
         paint = look_for_paint(scene, mask, setting.config, template)
-        if paint is None:
+        if paint is None or not attempt.is_calibrated:
             return attempt
         seen_there = weigh_view(camera.view, template, paint)
         if setting.config.field.all_markings and seen_there.evidence < 0.0:
@@ -88,15 +99,25 @@ def refuse_other_field(setting: Setting, scene: Scene, attempt: Attempt) -> Atte
     return _refuse(attempt, reason)
 
 
+def _refuse_thin_paint(setting: Setting, scene: Scene, attempt: Attempt) -> Attempt:
+    """The attempt on a floor with how wide its lines may be, refused where lines are not painted so thin."""
+    template, camera, mask = setting.template, attempt.camera, attempt.mask
+    if template.ground not in FLOORS or camera is None or mask is None or attempt.verdict is None:
+        return attempt
+    carriers = frozenset(key.name for key in camera.residuals_px)
+    picture = lighten_markings(scene.marked, mask, setting.circle)
+    width_m = bound_paint_width(picture, mask, camera, template, carriers) * template.marking_width_m
+    check = Check.of("painted_width_m", width_m, min(LEAST_PAINT_M, LEAST_PAINT_SHARE * template.marking_width_m))
+    if check.passed:
+        return add_checks(attempt, check)
+    return replace(attempt, verdict=Verdict.refusal_by(check, (*attempt.verdict.checks, check)))
+
+
 def has_leagues(template: FieldTemplate) -> bool:
-    """Whether the rules of the template's sport fix the sizes of its fields, so that other sizes are other fields: a
-    pitch of soccer has any within a range, and its camera estimates them.
+    """Whether the circle of the template's sport tells how large what is seen is, so that other sizes are other fields:
+    pitches of soccer have circles of several sizes about which any length and width may lie.
     """
-    if template.length_range_m is not None:
-        return False  # before any other template is read
-    return all(
-        other.length_range_m is None for other in map(load_field, field_names()) if other.sport == template.sport
-    )
+    return template.sport_name not in OF_ANY_SCALE
 
 
 def _refuse(attempt: Attempt, reason: str) -> Attempt:

@@ -23,7 +23,7 @@ from circlecal.paint.bands import MeasuredCurve, measure_curve
 from circlecal.paint.roughness import measure_roughness
 from circlecal.results import CameraFit, Evidence, MarkingMask, Segment
 
-__all__ = ["measure_evidence"]
+__all__ = ["bound_paint_width", "measure_evidence"]
 
 FindOtherPaints = Callable[[Sequence[Segment]], Mask]
 """Which of some lines (S,) are in another paint than the circle's."""
@@ -38,6 +38,10 @@ FEWEST_IN_PIECE, FEWEST_PIECES, NARROWEST_PX = 6, 6, 1.0
 """Painted places of a piece whose width is told, pieces that tell how widths change, and predicted width of paint that
 is not all blur, pixels at 1920 px width.
 """
+SHARES_OF_WIDTH = tuple(share / 40 for share in range(4, 41))
+"""Widths of paint that are tried for the greatest that it may have, shares of the template's."""
+MOST_OFF_WIDTH = 3.0
+"""By how much (half a chi-square) such a width may explain less than the best one."""
 FEWEST_PLACES = 50
 """Places of the carriers of which a share is told."""
 WIDTH_NOISE = 0.16
@@ -134,12 +138,7 @@ def measure_evidence(
     Evidence
     """
     places = place_markings(fit, template, range(len(template.outlines[0])))
-    kept = [k for k, name in enumerate(places.names) if name in carriers]
-    own = places.take(
-        np.isin(places.element, kept)
-        & (places.spread < KNOWN_PX * fit.model.width / 1920.0)
-        & lie_on_surface(places.base, mask.field_region, fit.model.width, fit.model.height)
-    )
+    own = _place_carriers(mask, fit, carriers, places)
     painted = _measure_paint(picture, own, fit, template)
     other = _measure_other_paint(picture, mask, fit, template, places, own, painted, find_other_paints)
     reversal = 0.0 if painted is None else _reversal(painted, own, fit, template)
@@ -155,6 +154,18 @@ def measure_evidence(
         worn_widths=worn / fit.model.width,
         reversal=reversal,
         parallel_widths=other.parallel,
+    )
+
+
+def _place_carriers(
+    mask: MarkingMask, fit: CameraFit, carriers: frozenset[str], places: MarkingPlaces
+) -> MarkingPlaces:
+    """Of the places of all markings those of the carriers that are known well, on the playing surface."""
+    kept = [k for k, name in enumerate(places.names) if name in carriers]
+    return places.take(
+        np.isin(places.element, kept)
+        & (places.spread < KNOWN_PX * fit.model.width / 1920.0)
+        & lie_on_surface(places.base, mask.field_region, fit.model.width, fit.model.height)
     )
 
 
@@ -242,11 +253,54 @@ def _reversal(painted: MeasuredCurve, own: MarkingPlaces, fit: CameraFit, templa
     """How much better exchanged near and far explain the paint's widths; nothing where they explain little of what is
     unexplained.
 
-    Blur adds to the width of paint in squares, ``m^2 = g w^2 + b_x n_x^2 + b_y n_y^2``, with the predicted width ``w``,
-    the normal ``n`` and no negative coefficient: a pan blurs what it sweeps across, not what runs along with it. Scale
-    falls with the depth ``z``; a picture that was turned upside down or mirrored has scales that fall with ``1 / z``,
-    and its ``w^2`` are ``w^2 z^4`` of the camera that was fitted to it, or more (:data:`REVERSALS`).
+    Scale falls with the depth ``z``; a picture that was turned upside down or mirrored has scales that fall with
+    ``1 / z``, and its ``w^2`` are ``w^2 z^4`` of the camera that was fitted to it, or more (:data:`REVERSALS`).
     """
+    widths = _measure_widths(painted, own, fit, template)
+    if widths is None:
+        return 0.0
+    relative = widths.depth / np.exp(np.mean(np.log(widths.depth)))
+    left = _misfit(widths.predicted, widths.blur, widths.measured)
+    explained = left - min(_misfit(widths.predicted * relative**k, widths.blur, widths.measured) for k in REVERSALS)
+    return explained if explained > TELLING_SHARE * left else min(explained, 0.0)
+
+
+def bound_paint_width(
+    picture: NDArray[np.uint8], mask: MarkingMask, fit: CameraFit, template: FieldTemplate, carriers: frozenset[str]
+) -> float:
+    """The greatest width that the paint of markings may have on the field of a camera, shares of the template's; 1
+    where it may have that, or the picture does not tell. The parameters are those of :func:`measure_evidence`.
+    """
+    own = _place_carriers(mask, fit, carriers, place_markings(fit, template, range(len(template.outlines[0]))))
+    painted = _measure_paint(picture, own, fit, template)
+    widths = None if painted is None else _measure_widths(painted, own, fit, template)
+    if widths is None:
+        return 1.0
+    scale = _scale_of_widths(widths.predicted, widths.measured)
+    blur, shares = widths.blur / scale[:, None], np.array(SHARES_OF_WIDTH)
+    left = np.array([_fit_widths(blur, (widths.measured - g * widths.predicted) / scale) for g in shares**2])
+    return float(np.max(shares[left <= left.min() + MOST_OFF_WIDTH]))
+
+
+@dataclass(frozen=True, slots=True)
+class _PaintWidths:
+    """Squared widths (K,) of pieces of paint, as predicted and as measured, pixels squared, the depth of each, and by
+    how much blur across the picture and down it adds to each (K, 2).
+
+    Blur adds to the width of paint in squares, ``m^2 = g w^2 + b_x n_x^2 + b_y n_y^2``, with the predicted width ``w``,
+    the normal ``n`` and no negative coefficient: a pan blurs what it sweeps across, not what runs along with it.
+    """
+
+    predicted: Array
+    measured: Array
+    depth: Array
+    blur: Array
+
+
+def _measure_widths(
+    painted: MeasuredCurve, own: MarkingPlaces, fit: CameraFit, template: FieldTemplate
+) -> _PaintWidths | None:
+    """Widths of the paint of carriers, piece by piece; None where too few pieces tell them."""
     unit = fit.model.width / 1920.0
     predicted = _paint_px(own, template)
     seen = painted.supported & (predicted > NARROWEST_PX * unit)
@@ -254,19 +308,15 @@ def _reversal(painted: MeasuredCurve, own: MarkingPlaces, fit: CameraFit, templa
     count = np.bincount(pieces, minlength=1)
     enough = count >= FEWEST_IN_PIECE
     if np.count_nonzero(enough) < FEWEST_PIECES:
-        return 0.0
+        return None
     depth = fit.camera.depth(fit.view.to_field(own.base[seen]))
     each = (predicted[seen], painted.width[seen], depth, own.normal[seen, 0] ** 2)
     width, measured, depth, across = (_median_by_piece(values, pieces, count)[enough] for values in each)
     known = np.isfinite(depth) & (depth > 0) & (measured > 0)
     if np.count_nonzero(known) < FEWEST_PIECES:
-        return 0.0
-    width, measured, depth, across = width[known] ** 2, measured[known] ** 2, depth[known], across[known]
-    relative = depth / np.exp(np.mean(np.log(depth)))
-    blur = np.stack([across, 1.0 - across], axis=-1)
-    left = _misfit(width, blur, measured)
-    explained = left - min(_misfit(width * relative**k, blur, measured) for k in REVERSALS)
-    return explained if explained > TELLING_SHARE * left else min(explained, 0.0)
+        return None
+    blur = np.stack([across, 1.0 - across], axis=-1)[known]
+    return _PaintWidths(width[known] ** 2, measured[known] ** 2, depth[known], blur)
 
 
 def _median_by_piece(values: Array, pieces: NDArray[np.int64], count: NDArray[np.int_]) -> Array:
@@ -280,12 +330,22 @@ def _misfit(predicted: Array, blur: Array, measured: Array) -> float:
     """Half the robust chi-square of ``measured = g predicted + blur b`` with no negative coefficient, in relative
     errors; ``blur`` is (N, 2).
     """
+    scale = _scale_of_widths(predicted, measured)
+    return _fit_widths(np.column_stack([predicted, blur]) / scale[:, None], measured / scale)
+
+
+def _scale_of_widths(predicted: Array, measured: Array) -> Array:
+    """What errors of squared widths (N,) are relative to: what hides paint leaves a small part of its width, of which
+    the error would be many times as large.
+    """
+    return np.asarray(np.maximum(measured, LEAST_SEEN * quantile(measured / predicted, SHARPEST) * predicted))
+
+
+def _fit_widths(rows: Array, target: Array) -> float:
+    """Half the robust chi-square that no negative coefficients of rows (N, K) leave of a target (N,)."""
     # takes as long to import as all of circlecal; only a camera that was accepted asks for it
     from scipy.optimize import nnls
 
-    # what hides paint leaves a small part of its width, of which the error would be many times as large
-    scale = np.maximum(measured, LEAST_SEEN * quantile(measured / predicted, SHARPEST) * predicted)
-    rows, target = np.column_stack([predicted, blur]) / scale[:, None], measured / scale
     weight = np.ones(len(rows))
     off = np.zeros(len(rows))
     for _ in range(ROUNDS):

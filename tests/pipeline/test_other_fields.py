@@ -16,6 +16,8 @@ from circlecal.placement.paint_maps import _map_ridges
 from circlecal.synthetic.cameras import aim_camera
 from circlecal.synthetic.sampling import render_frame
 
+SOCCER_SEED = 3801455670
+
 
 def calibrate_court(named, seed):
     """A rendered NBA court, calibrated as that of a league."""
@@ -39,6 +41,27 @@ def test_the_league_that_was_named_is_calibrated(seed):
     assert found.verdict.check("other_field_ratio").value < 1.0
 
 
+@pytest.mark.parametrize(("seed", "named"), [((SOCCER_SEED, 77, 1), "handball"), ((SOCCER_SEED, 77, 6), "futsal")])
+def test_a_pitch_of_soccer_is_no_court_since_its_lines_would_be_too_thin(seed, named):
+    """Circle, halfway line and touchline look like those of a court of a third of the size: such answers were 900 px
+    off, with 6 to 10 px said of themselves; their lines would be 2 to 3 cm wide.
+    """
+    picture = render_frame("broadcast", np.random.default_rng(seed), 1280, 720, load_field("soccer")).image
+    found = calibrate_image(picture, load_config(None, {"field.template": named}), frame_id="pitch")
+    assert (found.status, found.verdict.code) == ("refused", "other_field")
+    check = found.verdict.check("painted_width_m")
+    assert not check.passed
+    assert check.value < 0.85 * check.limit
+
+
+def test_lines_of_a_hall_are_as_wide_as_they_are_painted():
+    picture = render_frame("wood", np.random.default_rng(1000), 960, 540, load_field("futsal")).image
+    found = calibrate_image(picture, load_config(None, {"field.template": "futsal"}), frame_id="hall")
+    check = found.verdict.check("painted_width_m")
+    assert found.status == "calibrated"
+    assert check.value > 1.2 * check.limit
+
+
 def test_a_touchline_that_the_halfway_line_ends_beside_carries_no_camera():
     """A futsal court that was named handball was calibrated 50 px off; its line ended 2.6 m before a touchline."""
     picture = render_frame("wood", np.random.default_rng(1000), 960, 540, load_field("futsal")).image
@@ -51,7 +74,14 @@ def test_a_touchline_that_the_halfway_line_ends_beside_carries_no_camera():
 
 @pytest.mark.parametrize(
     ("name", "expected"),
-    [("basketball", True), ("ice-hockey", True), ("robocup", True), ("soccer", False), ("soccer-7", False)],
+    [
+        ("basketball", True),
+        ("ice-hockey", True),
+        ("robocup", True),
+        ("soccer", False),
+        ("soccer-7", False),
+        ("futsal", True),
+    ],
 )
 def test_sizes_that_vary_within_the_rules_make_no_league(name, expected):
     assert has_leagues(load_field(name)) is expected

@@ -179,6 +179,7 @@ def test_a_good_camera_is_accepted_with_every_check():
         "noise_beside_mark",
         "arc_residual_px",
         "other_size_share",
+        "painted_width_m",
         "other_field_ratio",
         "beyond_rules_m",
         "crown_m",
