@@ -164,7 +164,7 @@ class FrameRun:
     size : (int, int), optional
         Size of the pictures where an annotation file has none.
     convention : {"official", "paint"}
-        Where annotated points lie.
+        Where annotated points lie, of files that do not say it.
     annotations : path, optional
         Folder of annotations of the workbench: a frame that has one is calibrated from it alone.
     """
@@ -228,8 +228,9 @@ class FrameRun:
         if isinstance(frame, FrameOfFile):
             picture = None if self.out is None else _picture_of(frame, self.config.limits)
             if frame.annotation is None:
-                calibration = calibrate_observations(frame.observed, self.config, frame.path, self.convention)
-                in_force = apply_convention(template, self.convention)
+                convention: Convention = "paint" if frame.observed.on_paint else self.convention
+                calibration = calibrate_observations(frame.observed, self.config, frame.path, convention)
+                in_force = apply_convention(template, convention)
             else:
                 calibration = self._calibrate_by_hand(frame.annotation, frame.id, str(frame.path))
                 in_force = template = calibration.template or template

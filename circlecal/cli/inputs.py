@@ -165,10 +165,12 @@ def _frames_of(
     note_unused_annotations(frames if run.keypoints is None else ())
     if run.keypoints is not None and not frames:
         raise InputError(f"{run.keypoints}: --keypoints are used together with pictures, and no picture is given")
+    template, _ = field_of(run.config)
     annotated = read_frames(
         files,
-        apply_convention(field_of(run.config)[0], run.convention),
+        apply_convention(template, run.convention),
         run.config.sources,
+        painted=template,
         size=run.size,
         format_name=format_name,
         taken=[frame.id for frame in frames],
@@ -192,10 +194,10 @@ def note_idle_options(
     files = [frame for frame in frames if isinstance(frame, FrameOfFile)]
     if size is not None and frames and not files:
         console.print_note("--size counts for annotation files without a size, and only pictures are given")
-    if convention is not None and all(file.annotation is not None for file in files):
+    if convention is not None and all(file.observed.on_paint for file in files):
         console.print_note(
-            "--convention counts for annotation files of other programs, and none is given; keypoints beside pictures "
-            "and what circlecal annotate wrote lie on the middle of the paint"
+            "--convention counts for annotation files of other programs, and none is given that leaves it open; "
+            "keypoints beside pictures and what circlecal wrote lie on the middle of the paint"
         )
     if eval_size is not None and not to:
         console.print_note("--eval-size counts for what --to writes, and no --to is given")

@@ -26,7 +26,7 @@ from pydantic import Field, field_validator, model_validator
 from circlecal.errors import CirclecalError, InputError
 from circlecal.field import FieldTemplate, load_field
 from circlecal.files import are_different, is_folder
-from circlecal.formats.cameras import Size
+from circlecal.formats.cameras import THINNEST_PAINT_M, Size
 from circlecal.formats.format import (
     MAX_POINTS,
     MAX_SHAPES,
@@ -192,7 +192,9 @@ class Annotation(FileModel):
         image = None if self.source is None else picture_name(self.id, self.source)
         image = f"{self.id}.jpg" if self.time_s is not None else image
         seen = self.observations(nameless)
-        return AnnotatedFrame(self.id, self.width, self.height, shapes, image, observations=seen, field=self.field)
+        return AnnotatedFrame(
+            self.id, self.width, self.height, shapes, image, observations=seen, field=self.field, on_paint=True
+        )
 
 
 def load_template(name: str) -> FieldTemplate | None:
@@ -211,7 +213,9 @@ def draw_measured(record: ResultRecord, image: str | None) -> AnnotatedFrame:
     field = "soccer" if record.field is None else str(record.field.template)
     template = load_template(field)
     shapes = tuple(shape for m in markings for shape in _shapes(m, template, True))
-    return AnnotatedFrame(record.id, record.width, record.height, shapes, image)
+    marking_m = None if record.field is None else (record.field.sizes or {}).get("marking")
+    on_paint = marking_m is None or marking_m > THINNEST_PAINT_M
+    return AnnotatedFrame(record.id, record.width, record.height, shapes, image, on_paint=on_paint)
 
 
 def _join_lines(lines: Sequence[LinePoints]) -> tuple[LinePoints, ...]:

@@ -31,6 +31,8 @@ SQUARE = 0.01
 """Share by which pixels may be broader than high and still count as square: estimated ones are that to some
 thousandths, the narrowest of video (704 x 576 shown at 4:3) are 9 % off.
 """
+THINNEST_PAINT_M = 1e-6
+"""Markings that are thinner have no paint, metres: both of their edges lie at the sizes of the rules."""
 _TANGENT_SAMPLES = 9
 _MIN_GRID = 8
 CENTRE = "centre"
@@ -223,6 +225,11 @@ class CalibratedFrame:
         return self.view.camera if isinstance(self.view.camera, Camera) else None
 
     @property
+    def is_painted(self) -> bool:
+        """Whether its markings have a width, so that what is projected lies on the middle of the paint."""
+        return self.template.marking_width_m > THINNEST_PAINT_M
+
+    @property
     def H_image_field(self) -> Array:
         """Field to undistorted pixels (3, 3)."""
         return self.view.camera.homography
@@ -331,4 +338,4 @@ def derive_shapes(frame: CalibratedFrame, original: Mapping[str, Any] | None = N
         if inside.sum() >= (2 if shape.kind == "line" else 1):
             kept.append(replace(shape, points_px=shape.points_px[inside]))
     ordered = sorted(kept, key=lambda shape: shape.kind, reverse=True)
-    return AnnotatedFrame(frame.id, frame.width, frame.height, tuple(ordered), frame.image)
+    return AnnotatedFrame(frame.id, frame.width, frame.height, tuple(ordered), frame.image, on_paint=frame.is_painted)

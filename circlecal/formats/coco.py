@@ -31,6 +31,8 @@ from circlecal.formats.format import (
     parse_content,
     require_distinct,
     require_size,
+    says_paint,
+    tell_convention,
 )
 from circlecal.formats.shapes import AnnotatedFrame, Shape
 from circlecal.geometry.projective import Array
@@ -49,6 +51,7 @@ class _Image(FileModel):
     file_name: str
     width: Side | None = None
     height: Side | None = None
+    circlecal: Any = None
 
 
 _Numbers = Annotated[list[Bounded], Field(max_length=3 * MAX_POINTS)]
@@ -107,7 +110,9 @@ def read(path: Path, content: bytes, size: Size | None) -> list[AnnotatedFrame]:
     for name, image in zip(names, dataset.images, strict=True):
         chosen = require_size(path, (image.width, image.height), size)
         found = tuple(shapes[image.id])
-        frames.append(AnnotatedFrame(name, *chosen, found, image.file_name, tuple(warnings[image.id])))
+        on_paint = says_paint(image.circlecal)
+        warned = tuple(warnings[image.id])
+        frames.append(AnnotatedFrame(name, *chosen, found, image.file_name, warned, on_paint=on_paint))
     return frames
 
 
@@ -150,7 +155,8 @@ def write(frames: Sequence[AnnotatedFrame]) -> bytes:
     annotations: list[dict[str, Any]] = []
     for image_id, frame in enumerate(frames, start=1):
         name = frame.image or f"{frame.id}.jpg"
-        images.append({"id": image_id, "file_name": name, "width": frame.width, "height": frame.height})
+        image = {"id": image_id, "file_name": name, "width": frame.width, "height": frame.height}
+        images.append(image | tell_convention(frame))
         single = {shape.label: shape.points_px[0] for shape in frame.shapes if _is_single(shape)}
         if single:
             annotations.append(_annotation(len(annotations) + 1, image_id, 1, np.array(list(single.values())), {

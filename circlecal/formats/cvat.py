@@ -19,7 +19,16 @@ import numpy as np
 
 from circlecal.errors import InputError
 from circlecal.formats.cameras import Size, derive_shapes
-from circlecal.formats.format import MAX_POINTS, MAX_SIDE, AnnotationFormat, ids_of_pictures, require_size
+from circlecal.formats.format import (
+    MAX_POINTS,
+    MAX_SIDE,
+    OWN_KEY,
+    AnnotationFormat,
+    ids_of_pictures,
+    require_size,
+    says_paint,
+    tell_convention,
+)
 from circlecal.formats.shapes import AnnotatedFrame, Shape
 from circlecal.geometry.projective import Array
 from circlecal.names import show
@@ -78,7 +87,8 @@ def _frame(path: Path, image: ElementTree.Element, name: str, size: Size | None)
             )
         shapes += _shapes(element, where)
     chosen = require_size(path, found, size)
-    return AnnotatedFrame(name, *chosen, tuple(shapes), image.get("name"), tuple(warnings))
+    on_paint = says_paint({"convention": image.get(OWN_KEY)})
+    return AnnotatedFrame(name, *chosen, tuple(shapes), image.get("name"), tuple(warnings), on_paint=on_paint)
 
 
 def _shapes(element: ElementTree.Element, where: str) -> Iterator[Shape]:
@@ -139,6 +149,7 @@ def write(frames: Sequence[AnnotatedFrame]) -> bytes:
     for number, frame in enumerate(frames):
         keys = {"id": str(number), "name": show(frame.image or f"{frame.id}.jpg")}
         keys |= {"width": str(frame.width), "height": str(frame.height)}
+        keys |= {key: told["convention"] for key, told in tell_convention(frame).items()}
         image = ElementTree.SubElement(root, "image", keys)
         for shape in frame.shapes:
             common = {"label": show(shape.label), "source": "manual", "occluded": "0", "z_order": "0"}

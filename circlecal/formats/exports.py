@@ -19,6 +19,7 @@ from circlecal.formats.cameras import CalibratedFrame, CameraFrame, Size, as_siz
 from circlecal.formats.format import AnnotationFormat, CameraFormat
 from circlecal.formats.inputs import FrameOfFile
 from circlecal.formats.meaning import SourcesConfig, observe, sure_shapes, understand
+from circlecal.formats.paint_list import change_list
 from circlecal.formats.registry import (
     RESULT,
     annotation_formats,
@@ -199,7 +200,9 @@ class Exports:
 
     def _write_shapes(self, shapes: Sequence[AnnotatedFrame], target: AnnotationFormat) -> None:
         """Write annotations, in names that differ from those of the result files beside them, ``<id>.json``."""
-        self.written += _write(_annotation_files(shapes, target, self._folder, _tag(target)))
+        contents = _annotation_files(shapes, target, self._folder, _tag(target))
+        self.written += _write(contents)
+        _write(_list_on_paint(shapes, contents, target, self._folder))
 
 
 def export_records(
@@ -224,7 +227,7 @@ def export_records(
     annotated : mapping
         By frame id, where frames came from annotation files.
     annotated_template : FieldTemplate
-        The field in the convention of these.
+        The field in the convention of those whose files do not tell it.
     load_told : callable
         The template of the name by which a frame told its field; one of the package where it is not given.
 
@@ -238,7 +241,8 @@ def export_records(
             continue
         frame = annotated.get(record.id)
         if frame is not None:
-            exports.add(record, annotated_template, circle, frame.image, frame.observed)
+            seen_on = template if frame.observed.on_paint else annotated_template
+            exports.add(record, seen_on, circle, frame.image, frame.observed)
         else:
             exports.add(record, *_field_of_record(record, template, circle, load_told), _picture_name(record))
     exports.finish()
@@ -335,6 +339,7 @@ def convert(
         contents = _annotation_files(told, goal.annotations, folder)
         for loss in list_losses(told, contents, goal.annotations, template):
             _log.warning("%s", loss)
+        contents |= _list_on_paint(told, contents, goal.annotations, folder)
     elif goal.cameras and cameras:
         contents = _camera_files(_number(cameras), goal.cameras, folder)
         _note_lost_lenses(cameras, goal.name)
@@ -506,6 +511,16 @@ def _annotation_files(
     if not target.per_frame:
         return {folder / target.file_name: target.write(frames)}
     return {_path_of(target, frame.id, folder, tag): target.write([frame]) for frame in frames}
+
+
+def _list_on_paint(
+    frames: Sequence[AnnotatedFrame], contents: Mapping[Path, bytes], target: AnnotationFormat, folder: Path
+) -> dict[Path, bytes]:
+    """The list of those of a format's files whose points lie on the middle of the paint, where they cannot say it."""
+    if target.holds_convention or not target.per_frame:
+        return {}
+    on_paint = [path for path, frame in zip(contents, frames, strict=True) if frame.on_paint]
+    return change_list(folder, list(contents), on_paint)
 
 
 def _camera_files(frames: Sequence[CameraFrame], target: CameraFormat, folder: Path) -> dict[Path, bytes]:

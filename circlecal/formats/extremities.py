@@ -42,4 +42,5 @@ FORMAT = AnnotationFormat(
     write=write,
     file_name=f"{PREFIX}{{id}}.json",
     sigma_px=4.0,
+    holds_convention=False,
 )

@@ -34,6 +34,9 @@ MAX_POINTS = 10_000
 MAX_SHAPES = 2_000
 """More shapes in one frame than anybody draws, for the same reason."""
 MAX_SIDE = 65_535
+OWN_KEY = "circlecal"
+"""Under which a file of another program says what only circlecal reads."""
+_PAINT = "paint"
 _NOT_IN_NAMES = frozenset('<>:"|?*')
 _LONGEST_NAME = 150
 
@@ -157,6 +160,8 @@ class AnnotationFormat(OutsideFormat):
         (:func:`circlecal.formats.meaning.understand`), not their shapes.
     requires : callable or None
         Raises InputError of a field that the format has no names for; None where it takes every field.
+    holds_convention : bool
+        Whether a file can say that its points lie on the middle of the paint.
     """
 
     read: Callable[[Path, bytes, Size | None], list[AnnotatedFrame]]
@@ -168,6 +173,7 @@ class AnnotationFormat(OutsideFormat):
     draws_measured: bool = False
     writes_observations: bool = False
     requires: Callable[[FieldTemplate], object] | None = None
+    holds_convention: bool = True
     kind: ClassVar[Kind] = "annotation"
 
 
@@ -236,6 +242,16 @@ def _first_problem(error: ValidationError, path: Path, line: int | None, prefix:
     is_told = isinstance(given, str | int | float) and first["loc"] and first["type"] != "extra_forbidden"
     shown = f", not {json.dumps(given)[:60]}" if is_told else ""
     return InputError(f"{path}{where}: {message}{shown}")
+
+
+def tell_convention(frame: AnnotatedFrame) -> dict[str, dict[str, str]]:
+    """What the record of a frame says, under a key of circlecal's own, where points lie on the middle of the paint."""
+    return {OWN_KEY: {"convention": _PAINT}} if frame.on_paint else {}
+
+
+def says_paint(told: object) -> bool:
+    """Whether what a file has under circlecal's key says that points lie on the middle of the paint."""
+    return isinstance(told, Mapping) and told.get("convention") == _PAINT
 
 
 def require_size(path: Path, *known: Size | tuple[int | None, int | None] | None) -> Size:

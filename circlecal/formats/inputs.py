@@ -121,6 +121,7 @@ def read_frames(
     template: FieldTemplate,
     sources: SourcesConfig,
     *,
+    painted: FieldTemplate,
     size: Size | None = None,
     format_name: str | None = None,
     taken: Sequence[str] = (),
@@ -134,6 +135,8 @@ def read_frames(
         From :func:`split_inputs`.
     template, sources : FieldTemplate, SourcesConfig
         As for :func:`circlecal.formats.meaning.observe`.
+    painted : FieldTemplate
+        The field for frames of which their file says that points lie on the middle of the paint.
     size, format_name : optional
         As for :func:`circlecal.formats.registry.read_annotations`.
     taken : sequence of str
@@ -167,7 +170,8 @@ def read_frames(
     read = []
     for identifier, (name, frame, file, by_hand) in zip(ids, found, strict=True):
         own = None if by_hand is None else load_template(frame.field)
-        observed = observe(replace(frame, id=identifier), own or template, sources, name, str(file.path))
+        field = own or (painted if frame.on_paint else template)
+        observed = observe(replace(frame, id=identifier), field, sources, name, str(file.path))
         for warning in observed.warnings:
             _log.warning("%s", warning)
         read.append(

@@ -24,6 +24,8 @@ from circlecal.formats.format import (
     json_bytes,
     parse_content,
     require_size,
+    says_paint,
+    tell_convention,
 )
 from circlecal.formats.shapes import AnnotatedFrame, Shape, ShapeKind
 
@@ -49,6 +51,7 @@ class _File(FileModel):
     imagePath: str | None = None  # noqa: N815 - the file's own name
     imageWidth: Side | None = None  # noqa: N815
     imageHeight: Side | None = None  # noqa: N815
+    circlecal: Any = None
 
 
 def read(path: Path, content: bytes, size: Size | None) -> list[AnnotatedFrame]:
@@ -69,7 +72,10 @@ def read(path: Path, content: bytes, size: Size | None) -> list[AnnotatedFrame]:
         elif shape.points:
             shapes.append(Shape(shape.label.strip(), kind, np.array(shape.points, dtype=np.float64) - _CORNER))
     identifier = path.name.removesuffix(path.suffix).removesuffix(".labelme")
-    return [AnnotatedFrame(identifier, width, height, tuple(shapes), found.imagePath, tuple(warnings))]
+    on_paint = says_paint(found.circlecal)
+    return [
+        AnnotatedFrame(identifier, width, height, tuple(shapes), found.imagePath, tuple(warnings), on_paint=on_paint)
+    ]
 
 
 def write(frames: Sequence[AnnotatedFrame]) -> bytes:
@@ -87,6 +93,7 @@ def write(frames: Sequence[AnnotatedFrame]) -> bytes:
     return json_bytes({
         "version": _VERSION, "flags": {}, "shapes": shapes, "imagePath": frame.image or f"{frame.id}.jpg",
         "imageData": None, "imageHeight": frame.height, "imageWidth": frame.width,
+        **tell_convention(frame),
     })  # fmt: skip
 
 

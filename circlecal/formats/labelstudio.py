@@ -21,6 +21,7 @@ from pydantic import Field, RootModel
 from circlecal.formats.cameras import Size, derive_shapes
 from circlecal.formats.format import (
     MAX_POINTS,
+    OWN_KEY,
     AnnotationFormat,
     Bounded,
     Content,
@@ -31,6 +32,8 @@ from circlecal.formats.format import (
     parse_content,
     parse_value,
     require_size,
+    says_paint,
+    tell_convention,
 )
 from circlecal.formats.shapes import AnnotatedFrame, Shape, ShapeKind
 from circlecal.geometry.projective import Array
@@ -53,6 +56,7 @@ class _Annotation(FileModel):
 
 class _Task(FileModel):
     data: dict[str, Any] = Field({})
+    meta: Any = None
     annotations: list[_Annotation] = Field([])
 
 
@@ -110,7 +114,10 @@ def read(path: Path, content: bytes, size: Size | None) -> list[AnnotatedFrame]:
                 warnings.append(read)
         if len(filled) > 1:
             warnings.append(f"{path}: {number}.annotations: has several; only the first is read")
-        frames.append(AnnotatedFrame(name, width, height, tuple(shapes), _image_name(task), tuple(warnings)))
+        on_paint = isinstance(task.meta, dict) and says_paint(task.meta.get(OWN_KEY))
+        frames.append(
+            AnnotatedFrame(name, width, height, tuple(shapes), _image_name(task), tuple(warnings), on_paint=on_paint)
+        )
     if frames:
         frames[0] = replace(frames[0], warnings=(*frames[0].warnings, *left_out))
     return frames
@@ -160,7 +167,8 @@ def write(frames: Sequence[AnnotatedFrame]) -> bytes:
         results = [result for shape in frame.shapes for result in _results(shape, frame)]
         annotations = [{"result": results}] if results else []
         data = {"image": frame.image or f"{frame.id}.jpg"}
-        tasks.append({"id": number, "data": data, "annotations": annotations})
+        task = {"id": number, "data": data, "annotations": annotations}
+        tasks.append(task | ({"meta": tell_convention(frame)} if frame.on_paint else {}))
     return json_bytes(tasks)
 
 

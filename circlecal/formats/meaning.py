@@ -123,7 +123,9 @@ def observe(
     if sources.halfway_ends and known is not None and known.marks_line_ends:
         observations = add_halfway_ends(observations, template)
     warnings = (*frame.warnings, *reading.warnings)
-    return ObservedFrame(frame.id, frame.width, frame.height, observations, frame.image, warnings, frame.original)
+    return ObservedFrame(
+        frame.id, frame.width, frame.height, observations, frame.image, warnings, frame.original, frame.on_paint
+    )
 
 
 def understand(frame: AnnotatedFrame, source: str) -> AnnotatedFrame:

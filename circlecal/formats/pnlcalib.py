@@ -29,7 +29,16 @@ from pydantic import Field
 from circlecal.errors import InputError
 from circlecal.field import FieldTemplate
 from circlecal.formats.cameras import CalibratedFrame, Size
-from circlecal.formats.format import AnnotationFormat, Bounded, FileModel, json_bytes, parse_content, require_size
+from circlecal.formats.format import (
+    AnnotationFormat,
+    Bounded,
+    FileModel,
+    json_bytes,
+    parse_content,
+    require_size,
+    says_paint,
+    tell_convention,
+)
 from circlecal.formats.shapes import AnnotatedFrame, Shape
 from circlecal.formats.soccernet import FLAT_PITCH, LINE_CLASSES
 from circlecal.geometry.projective import Array
@@ -66,6 +75,7 @@ class _Line(FileModel):
 class _Prediction(FileModel):
     kp: Annotated[dict[str, _Keypoint], Field(max_length=1000)]
     lines: Annotated[dict[str, _Line], Field(max_length=1000)] = Field({})
+    circlecal: Any = None
 
 
 def read(path: Path, content: bytes, size: Size | None) -> list[AnnotatedFrame]:
@@ -95,8 +105,11 @@ def read(path: Path, content: bytes, size: Size | None) -> list[AnnotatedFrame]:
         confidence = min(line.p_1, 1.0), min(line.p_2, 1.0)
         shapes.append(Shape(LINE_CLASSES[number - 1], "line", pixels, confidence))
     identifier = path.name.removesuffix(path.suffix).removesuffix(".pnlcalib")
-    original = found.model_dump()
-    return [AnnotatedFrame(identifier, width, height, tuple(shapes), None, tuple(warnings), original)]
+    original = found.model_dump(exclude={"circlecal"})
+    on_paint = says_paint(found.circlecal)
+    return [
+        AnnotatedFrame(identifier, width, height, tuple(shapes), None, tuple(warnings), original, on_paint=on_paint)
+    ]
 
 
 def _number(key: str, last: int) -> int | None:
@@ -221,7 +234,10 @@ def derive(frame: CalibratedFrame, original: Mapping[str, Any] | None = None) ->
         ordered = sorted(keys, key=lambda key: (len(key), key))
         original = {**original, "kp": {key: original["kp"].get(key) for key in ordered}}
     shapes = tuple(Shape(f"{LABEL}{number}", "points", point) for number, point in seen.items())
-    return AnnotatedFrame(frame.id, frame.width, frame.height, shapes, frame.image, original=original)
+    on_paint = frame.is_painted and original is None
+    return AnnotatedFrame(
+        frame.id, frame.width, frame.height, shapes, frame.image, original=original, on_paint=on_paint
+    )
 
 
 def write(frames: Sequence[AnnotatedFrame]) -> bytes:
@@ -242,7 +258,7 @@ def write(frames: Sequence[AnnotatedFrame]) -> bytes:
                 "x_1": x1 / width, "y_1": y1 / height, "p_1": confidence[0],
                 "x_2": x2 / width, "y_2": y2 / height, "p_2": confidence[-1],
             }  # fmt: skip
-    return json_bytes({"kp": keypoints, "lines": lines})
+    return json_bytes({"kp": keypoints, "lines": lines, **tell_convention(frame)})
 
 
 def _ends(points: Array) -> Array:

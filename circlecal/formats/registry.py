@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import replace
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -14,6 +15,7 @@ from circlecal.errors import InputError
 from circlecal.files import is_file, read_file
 from circlecal.formats.cameras import Size
 from circlecal.formats.format import MAX_SHAPES, AnnotationFormat, CameraFormat, Content, Format, OutsideFormat
+from circlecal.formats.paint_list import is_listed
 from circlecal.formats.picture_paths import path_endings, picture_path
 from circlecal.formats.shapes import AnnotatedFrame
 from circlecal.pictures.files import PICTURE_SUFFIXES, decode
@@ -130,6 +132,8 @@ def parse_annotations(found: Format, content: Content, size: Size | None) -> lis
     if size is None and found.per_frame:
         size = size_beside(content.path)
     frames = found.read(content.path, content.raw, size)
+    if not found.holds_convention and is_listed(content.path):
+        frames = [replace(frame, on_paint=True) for frame in frames]
     crowded = next((frame for frame in frames if len(frame.shapes) > MAX_SHAPES), None)
     if crowded is not None:
         limit = f"at most {MAX_SHAPES} are read of one frame"

@@ -80,6 +80,8 @@ class AnnotatedFrame:
         shapes, which then only draw them.
     field : str
         Template, or its file, whose markings the labels name.
+    on_paint : bool
+        Whether the file says that its points lie on the middle of the paint; what says nothing is left to the user.
     """
 
     id: str
@@ -91,6 +93,7 @@ class AnnotatedFrame:
     original: Mapping[str, Any] | None = None
     observations: Observations | None = None
     field: str = "soccer"
+    on_paint: bool = False
 
     def resize(self, width: int, height: int) -> AnnotatedFrame:
         """The frame on a picture of another size; the corners of the picture stay its corners.
@@ -141,3 +144,4 @@ class ObservedFrame:
     image: str | None = None
     warnings: tuple[str, ...] = ()
     original: Mapping[str, Any] | None = None
+    on_paint: bool = False

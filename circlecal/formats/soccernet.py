@@ -145,4 +145,5 @@ FORMAT = AnnotationFormat(
     file_name="{id}.json",
     marks_line_ends=True,
     draws_measured=True,
+    holds_convention=False,
 )

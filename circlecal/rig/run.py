@@ -24,6 +24,7 @@ from circlecal.errors import CirclecalError, InputError
 from circlecal.field import FieldTemplate
 from circlecal.files import is_file, is_folder, read_table, read_text, real_path
 from circlecal.formats.annotation import Flag
+from circlecal.formats.cameras import THINNEST_PAINT_M
 from circlecal.formats.registry import annotation_suffixes
 from circlecal.names import from_cell
 from circlecal.pictures.limits import LimitsConfig
@@ -166,7 +167,7 @@ def run_rig(
                 f"{results}: {record.id} is of circlecal track, whose frames share their camera already; its "
                 f"{VENUE_NAME} has that camera"
             )
-        annotated = annotated or _is_annotated(record)
+        annotated = annotated or _leaves_convention(record)
         said += [(record.id, record.annotation)] if record.annotation is not None else []
         missing += [] if _is_there(record) else [str(record.path)]
         # what was seen of the frames that are estimated together is read again below: a run may be long
@@ -268,7 +269,7 @@ class RigTask:
         # a frame that the list leaves out is of none of them
         known = None if self.cameras is None else self.cameras.get(frame.id, "")
         found = again.confirm(recalibrate(seen, self.rigs, again, seen_as, circle, self.config, known))
-        told_as = seen_as if _is_annotated(frame.record) else template
+        told_as = seen_as if _leaves_convention(frame.record) else template
         return _new_record(frame.record, found, told_as, self.digest)
 
 
@@ -341,7 +342,7 @@ class _Again:
         seen = self.frame.observations if self.measured is None else self.measured.attempt.observations
         if seen is None:
             return self.measured
-        convention: Convention = self.convention if annotated else "paint"
+        convention: Convention = self.convention if _leaves_convention(self.record) else "paint"
         config = suit_pixels(config, self.frame.aspect)
         found = run_observations(
             seen, config, frame_id=self.frame.id, source=str(Path(self.record.path or "")), convention=convention
@@ -391,6 +392,12 @@ def _leaves_the_arc(found: FrameCalibration, config: Config) -> bool:
 
 def _is_annotated(record: ResultRow) -> bool:
     return record.path is not None and Path(record.path).suffix.lower() in annotation_suffixes()
+
+
+def _leaves_convention(record: ResultRecord) -> bool:
+    """Whether a frame is of an annotation file, and nothing tells that its points lie on the middle of the paint."""
+    marking_m = None if record.field is None else (record.field.sizes or {}).get("marking")
+    return _is_annotated(record) and (marking_m is None or marking_m < THINNEST_PAINT_M)
 
 
 def _has_picture(record: ResultRow) -> bool:

@@ -38,6 +38,10 @@ ONE_LINE_PX, MOST_BEND = 3.0, 0.02
 by no larger share of its length: a strong broadcast lens (kappa 0.1) bends a line across the picture by 1.5 %, and the
 penalty area's line seen behind the goal area's leaves more than 10 px.
 """
+MARK_FITS_PX = 8.0
+"""A point is probably another mark that the camera puts no further away, pixels at 1920 px width: marks are 9 m and
+more apart, and clicks on one lie within three pixels.
+"""
 FIT_SAMPLES = 24
 """Points of a line that are compared."""
 FEW_POINTS = 40
@@ -45,7 +49,8 @@ FEW_POINTS = 40
 STEP_M = 0.5
 """Distance of the places along a drawn marking, metres: a chord of the circle then leaves it by 3 mm."""
 
-TAKE_AWAY = "Take away the name that is marked as contradicting, or give it another one."
+TAKE_AWAY = "Take that name away, or give it another one."
+ONE_OF_THEM = "At least one name is wrong: each of the names that you gave is left out in turn, to find it."
 LOOK_AT_NAMES = "Look at what is named: something has another marking's name, or its points lie beside its paint."
 ONE_MORE = "Name one more marking: another line, an arc or a crossing of two lines."
 ADVICE = {
@@ -142,6 +147,45 @@ def answer(annotation: Annotation, config: Config, *, nameless: bool, earlier: C
 
 
 @dataclass(frozen=True, slots=True)
+class WrongName:
+    """A name that contradicts the rest of an annotation.
+
+    Attributes
+    ----------
+    index : int
+        Of the marking.
+    name : str
+        The wrong name.
+    likely : str or None
+        The one marking that the camera of the rest puts there; None where none or several fit.
+    off_px : float or None
+        Median distance of its points from where the camera puts the name, pixels; None where that is out of view.
+    """
+
+    index: int
+    name: str
+    likely: str | None
+    off_px: float | None
+
+    def describe(self) -> dict[str, Any]:
+        """Ready for JSON: as a change of names, ``names``, with those before, ``instead``."""
+        return {
+            "names": {str(self.index): self.likely},
+            "instead": {str(self.index): self.name},
+            "told": self.tell(),
+        }
+
+    def tell(self) -> str:
+        """A sentence for people."""
+        if self.off_px is None:
+            where = "the camera of everything else does not show it"
+        else:
+            where = f"its points lie {self.off_px:.0f} px beside where everything else puts it"
+        mend = TAKE_AWAY if self.likely is None else f"It is probably {_words([self.likely])}."
+        return f"The name {_words([self.name])} contradicts the rest: {where}. {mend}"
+
+
+@dataclass(frozen=True, slots=True)
 class SeenMarking:
     """A marking of the template before a camera: places along its centreline (N, 2), metres, and where they are seen,
     pixels (N, 2), nan far outside the picture.
@@ -172,17 +216,20 @@ def describe(told: Answer) -> dict[str, Any]:
     verdict, camera = found.verdict, found.attempt.camera
     recognised = told.recognise()
     markings = _markings(told, recognised, drawn)
+    contradicting = [k for k, marking in enumerate(markings) if marking["contradicts"]]
+    wrong = find_wrong_names(told, drawn, contradicting)
     return {
         "status": found.status,
         "code": verdict.code,
         "reason": verdict.reason,
-        "missing": advise(told, contradicted=any(marking["contradicts"] for marking in markings)),
+        "missing": advise(told, wrong, contradicting),
+        "wrong": [one.describe() for one in wrong],
         "sigma_px": None if camera is None else _finite(camera.max_sigma_px),
         "sigma_m": None if camera is None else _finite(camera.max_sigma_m),
         "rating": rate_sigma(None if camera is None else camera.max_sigma_px, told.annotation.width),
         "template": {name: runs for name, seen in drawn.items() if (runs := _runs(seen.pixels))},
         "markings": markings,
-        "suggested": {str(k): name for k, name in suggest_names(told, drawn).items()},
+        "suggested": {str(k): name for k, name in suggest_names(told, drawn, contradicting).items()},
         "camera": None if view is None else describe_view(view),
         "sigma": None if view is None else sigma_grid(_count_from_seen(view, camera)),
         "footprint": [] if view is None else _footprint(view),
@@ -195,16 +242,66 @@ def _count_from_seen(view: FieldView, camera: CameraFit | None) -> FieldView:
     return view if camera is None else count_sigma_from_seen(view, camera.reference_by_growth)
 
 
-def advise(told: Answer, *, contradicted: bool) -> str | None:
-    """What to do next, in a sentence, where a name is marked as contradicting the others or none is; None where the
-    frame is calibrated.
+def advise(told: Answer, wrong: Sequence[WrongName], contradicting: Sequence[int]) -> str | None:
+    """What to do next, in a sentence: wrong names come first; None where there is none and the frame is calibrated.
+
+    Parameters
+    ----------
+    told : Answer
+        The calibration.
+    wrong : sequence of WrongName
+        From :func:`find_wrong_names`.
+    contradicting : sequence of int
+        Which markings contradict the rest.
     """
+    if wrong:
+        return " ".join(one.tell() for one in wrong)
     code = told.found.verdict.code
     if code is None:
         return None
-    if contradicted:
-        return TAKE_AWAY
+    names = {told.annotation.markings[k].name or "" for k in contradicting}
+    if len(names) == 1:
+        return f"The name {_words(sorted(names))} contradicts the rest. {TAKE_AWAY}"
+    if names:
+        return ONE_OF_THEM
     return ADVICE.get(code) or explain(code, told.found.verdict.stage).help
+
+
+def find_wrong_names(told: Answer, drawn: dict[str, SeenMarking], contradicting: Sequence[int]) -> list[WrongName]:
+    """The name that contradicts the camera of a calibrated frame most, with the one that it probably should be: right
+    names may contradict as long as that one counts. Of a refused frame none, since its camera may follow the wrong
+    name. What was left out though it lies near its place has no wrong name.
+    """
+    if not told.is_calibrated:
+        return []
+    unit = told.annotation.width / 1920.0
+    judged = [(judge_name(told, drawn, index), told.annotation.markings[index]) for index in contradicting]
+    wrong = [one for one, m in judged if one.off_px is None or one.off_px > _farthest_px(m, unit)]
+    return sorted(wrong, key=lambda one: -np.inf if one.off_px is None else -one.off_px)[:1]
+
+
+def judge_name(told: Answer, drawn: dict[str, SeenMarking], index: int) -> WrongName:
+    """What a calibrated camera says of the name of a marking that it was found without."""
+    marking, view = told.annotation.markings[index], told.found.view
+    name = marking.name or ""
+    off = _residuals(marking, told, drawn.get(name), name)
+    known = None if off is None or not np.isfinite(np.median(off)) else float(np.median(off))
+    unit = told.annotation.width / 1920.0
+    likely = None if view is None else _find_likely(marking, view, told.template, drawn, unit)
+    return WrongName(index, name, likely, known)
+
+
+def _find_likely(
+    marking: AnnotatedMarking, view: FieldView, template: FieldTemplate, drawn: dict[str, SeenMarking], unit: float
+) -> str | None:
+    """The one other marking of its kind that the camera puts where a marking was seen; None where none or several."""
+    if marking.kind == "point":
+        pixels = {mark.name: view.project([mark.position])[0] for mark in template.marks if mark.name != marking.name}
+        near = {name for name, px in pixels.items() if np.hypot(*(px - marking.points[0])) < MARK_FITS_PX * unit}
+        return _only(near)
+    kinds = template.line_by_name if marking.kind == "line" else {c.name for c in (*template.circles, *template.arcs)}
+    others = {name: seen for name, seen in drawn.items() if name in kinds and name != marking.name}
+    return _find_fitting(marking.points, others, _tolerances_px(view, others, unit))
 
 
 def _runs(points: Array) -> list[list[list[float]]]:
@@ -212,6 +309,12 @@ def _runs(points: Array) -> list[list[list[float]]]:
     finite = np.asarray(np.isfinite(points).all(axis=1))
     pieces = np.split(np.arange(len(points)), np.flatnonzero(np.diff(finite.astype(np.int8))) + 1)
     return [np.round(points[p], 1).tolist() for p in pieces if len(p) > 1 and finite[p[0]]]
+
+
+def find_contradicting(told: Answer) -> list[int]:
+    """Which markings of an annotation have a name that contradicts the rest."""
+    judged = _markings(told, told.recognise(), see_markings(told.found.view, told.template))
+    return [index for index, marking in enumerate(judged) if marking["contradicts"]]
 
 
 def _markings(told: Answer, recognised: dict[int, str], drawn: dict[str, SeenMarking]) -> list[dict[str, Any]]:
@@ -225,7 +328,9 @@ def _markings(told: Answer, recognised: dict[int, str], drawn: dict[str, SeenMar
         name = marking.name or recognised.get(index)
         off = None if name is None or not marking.used else _residuals(marking, told, drawn.get(name), name)
         own = MarkingKey(name or "", marking.edge if marking.kind == "curve" else None)
-        wrong = own in rejected or (off is not None and _is_off(off, marking, told.annotation.width / 1920.0))
+        is_off = off is not None and _is_off(off, marking, told.annotation.width / 1920.0)
+        is_alone = sum(other.name == name and other.used for other in told.annotation.markings) == 1
+        wrong = is_off or (own in rejected and (is_alone or off is None)) or _is_out_of_view(marking, told, off)
         found.append(
             {
                 "rms_px": None if off is None else _finite(np.sqrt(np.mean(off**2))),
@@ -239,8 +344,19 @@ def _markings(told: Answer, recognised: dict[int, str], drawn: dict[str, SeenMar
 
 def _is_off(off_px: Array, marking: AnnotatedMarking, unit: float) -> bool:
     """Whether so many of a marking's residuals (N,) are so large that its name contradicts the rest."""
-    limit = max(OFF_PX * unit, OFF_SIGMAS * float(np.median(marking.sigma)))
-    return float(np.mean(off_px > limit)) > OFF_SHARE
+    return float(np.mean(off_px > _farthest_px(marking, unit))) > OFF_SHARE
+
+
+def _farthest_px(marking: AnnotatedMarking, unit: float) -> float:
+    """How far points of a marking may lie from its place, pixels."""
+    return max(OFF_PX * unit, OFF_SIGMAS * float(np.median(marking.sigma)))
+
+
+def _is_out_of_view(marking: AnnotatedMarking, told: Answer, off_px: Array | None) -> bool:
+    """Whether a calibrated camera does not show the marking that a line or a curve was named."""
+    known = (*told.template.lines, *told.template.circles, *told.template.arcs)
+    is_marking = marking.kind != "point" and any(marking.name == element.name for element in known)
+    return told.is_calibrated and off_px is None and is_marking
 
 
 def _residuals(marking: AnnotatedMarking, told: Answer, seen: SeenMarking | None, name: str) -> Array | None:
@@ -283,15 +399,27 @@ def distance_to_polyline(points: Array, polyline: Array) -> Array:
     return np.asarray(np.sqrt((rest * rest).sum(axis=-1).min(axis=1)))
 
 
-def suggest_names(told: Answer, drawn: dict[str, SeenMarking]) -> dict[int, str]:
+def suggest_names(
+    told: Answer, drawn: dict[str, SeenMarking], contradicting: Sequence[int] | None = None
+) -> dict[int, str]:
     """Names of nameless lines, by index: of the one named line that a line continues, or else of the one marking that
     the camera puts there; none where several fit.
+
+    Parameters
+    ----------
+    told : Answer
+        The calibration.
+    drawn : dict
+        From :func:`see_markings`.
+    contradicting : sequence of int, optional
+        Which markings have a name that contradicts the rest, which no other line gets; looked for when None.
     """
+    contradicting = find_contradicting(told) if contradicting is None else contradicting
     view, unit = told.found.view, told.annotation.width / 1920.0
-    named, nameless = _split_lines(told)
+    named, nameless = _split_lines(told, contradicting)
     if view is None or not told.is_calibrated or not nameless:
         return {}
-    taken = {name for name, _ in named}
+    taken = {name for name, _ in named} | {told.annotation.markings[k].name for k in contradicting}
     free = {name: seen for name, seen in drawn.items() if name in told.template.line_by_name and name not in taken}
     tolerances_px = _tolerances_px(view, free, unit)
     found = {
@@ -301,12 +429,13 @@ def suggest_names(told: Answer, drawn: dict[str, SeenMarking]) -> dict[int, str]
     return {index: name for index, name in found.items() if name is not None}
 
 
-def _split_lines(told: Answer) -> tuple[list[tuple[str, Array]], dict[int, Array]]:
-    """The used lines of an annotation: names and points (N, 2) of those that are lines of the template, and the points
-    (N, 2) of nameless ones by index.
+def _split_lines(told: Answer, contradicting: Sequence[int]) -> tuple[list[tuple[str, Array]], dict[int, Array]]:
+    """The used lines of an annotation: names and points (N, 2) of those that are lines of the template and do not
+    contradict the rest, and the points (N, 2) of nameless ones by index.
     """
     lines = [(index, m) for index, m in enumerate(told.annotation.markings) if m.kind == "line" and m.used]
-    named = [(m.name, m.points) for _, m in lines if m.name is not None and m.name in told.template.line_by_name]
+    known = told.template.line_by_name
+    named = [(m.name, m.points) for k, m in lines if m.name is not None and m.name in known and k not in contradicting]
     return named, {index: m.points for index, m in lines if m.name is None}
 
 

@@ -24,12 +24,14 @@ from circlecal.formats.annotation import Annotation, annotation_bytes, markings_
 from circlecal.formats.exports import list_losses
 from circlecal.formats.format import AnnotationFormat
 from circlecal.formats.meaning import observe
+from circlecal.formats.paint_list import LIST_NAME, list_bytes
 from circlecal.formats.registry import annotation_formats, read_annotations, require_format
 from circlecal.formats.shapes import AnnotatedFrame
 from circlecal.geometry.projective import Array
 from circlecal.names import as_stem
 from circlecal.pipeline import field_of
-from circlecal.workbench.answers import Answer, answer, describe
+from circlecal.workbench.answers import Answer, WrongName, answer, describe
+from circlecal.workbench.doubts import find_wrong_name
 from circlecal.workbench.frames import ListedFrame, picture_of, tell_pixels
 from circlecal.workbench.interpretations import Interpretation, interpret
 from circlecal.workbench.measuring import (
@@ -234,13 +236,21 @@ class Session:
         f = self.frames[index]
         return [f.file.id, f.state, f.code, f.sigma_px, f.file.time_s, f.annotated, f.flag]
 
-    def interpretations(self, index: int) -> list[Interpretation]:
-        """The best two ways to name what was measured, of a frame that is not calibrated; none where something else is
-        asked of the session meanwhile, since the search takes many seconds of the processor.
+    def interpretations(self, index: int) -> list[Interpretation] | list[WrongName]:
+        """Of a frame that is not calibrated the name that is wrong, or else the best two ways to name what was
+        measured; none where something else is asked of the session meanwhile, since the search takes many seconds of
+        the processor.
         """
         mine = self._search = object()
-        measured = self.open(index).measured
-        return interpret(self.annotation(index), measured, self.config, is_wanted=lambda: self._search is mine)
+        opened, annotation = self.open(index), self.annotation(index)
+
+        def is_wanted() -> bool:
+            return self._search is mine
+
+        wrong = find_wrong_name(annotation, opened.begun, self.config, is_wanted=is_wanted)
+        if wrong is not None:
+            return [wrong]
+        return interpret(annotation, opened.measured, self.config, is_wanted=is_wanted) if is_wanted() else []
 
     def snap(self, index: int, points: Array, mode: str, name: str | None) -> Snapped:
         """Points on paint for a click, a drag or the clicks on a circle.
@@ -302,6 +312,8 @@ class Session:
             files = {target.file_name: target.write(frames)}
         contents = {Path(file): content for file, content in files.items()}
         left_out += list_losses(frames, contents, target, self.template)
+        if not target.holds_convention:
+            files[LIST_NAME] = list_bytes(files)
         return _zip_files(name, files, left_out) if target.per_frame else Exported(*files.popitem(), left_out)
 
     def _annotations(self, left_out: list[str]) -> Iterator[Annotation]:

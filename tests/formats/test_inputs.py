@@ -45,9 +45,9 @@ def mark_of(given, picture, format_name=None):
 
 def read_all(path):
     errors = []
-    found = read_frames(
-        [AnnotationFile(path, path, named=True)], load_field("soccer"), SourcesConfig(), on_error=errors.append
-    )
+    field = load_field("soccer")
+    files = [AnnotationFile(path, path, named=True)]
+    found = read_frames(files, field, SourcesConfig(), painted=field, on_error=errors.append)
     return found, [str(error) for error in errors]
 
 

@@ -201,7 +201,9 @@ def test_an_export_tells_what_it_left_out(browser, serve, folder, tmp_path):
     browser.wait("document.getElementById('trouble').open")
     assert "open.json" in browser.run("return document.getElementById('trouble-text').textContent")
     assert browser.run("return window.clicked") == ["coco.json"]
-    assert "--convention paint" in browser.run("return document.getElementById('saved').textContent")
+    assert "the middle of the paint, as it says itself" in browser.run(
+        "return document.getElementById('saved').textContent"
+    )
     browser.run("document.getElementById('close-trouble').click()")
     assert "unusable annotation" in browser.run("return document.getElementById('rows').textContent")
 

@@ -14,6 +14,7 @@ from videos import HEIGHT, WIDTH, write_video
 from circlecal.config import Config
 from circlecal.errors import InputError
 from circlecal.formats.annotation import AnnotatedMarking, Annotation, annotation_bytes, find_annotation
+from circlecal.formats.paint_list import LIST_NAME
 from circlecal.pictures.limits import DEFAULT_LIMITS, LimitsConfig
 from circlecal.pictures.video import Sampling
 from circlecal.workbench import session as module
@@ -130,7 +131,8 @@ def test_a_damaged_annotation_is_in_the_list_and_the_others_are_exported(folder,
     found = session.export("soccernet")
     with zipfile.ZipFile(BytesIO(found.content)) as archive:
         assert [name for name in archive.namelist() if "open" in name] == []
-        assert len(archive.namelist()) == 1
+        assert archive.namelist() == ["good.json", LIST_NAME]
+        assert "\ngood.json\n" in archive.read(LIST_NAME).decode()
     assert len(found.left_out) == 1 and "open.json" in found.left_out[0]
     damaged.write_bytes(content)
     assert session.show(index)["row"][2] != "unusable_annotation"

@@ -42,7 +42,7 @@ const change = (act) => {
 };
 const stored = () => {
   unsaved = true;
-  offers = []; answer = { ...answer, suggested: {} };  // they were for the markings before
+  offers = []; answer = { ...answer, suggested: {}, wrong: [] };  // they were for the markings before
   draw();
   return push();
 };
@@ -242,11 +242,13 @@ const followed = async (way) => {
 };
 const nudge = (dx, dy) => change((a) => { const own = a.markings[chosen]; own.points_px = own.points_px.map(([x, y]) => [x + dx, y + dy]); });
 const accept = () => {
+  if (answer.wrong?.length) { answer.wrong.filter((one) => Object.values(one.names)[0]).slice(0, 1).forEach(take); return; }
   const fits = Object.entries(answer.suggested);
   if (fits.length) change((a) => fits.forEach(([k, name]) => { a.markings[k].name = name; a.markings[k].used = true; }));
   else if (offers.length) take(offers[0]);
 };
-const take = (offered) => change((a) => Object.entries(offered.names).forEach(([k, name]) => { a.markings[k].name = name; a.markings[k].used = true; }));
+// A name that is null is taken away with nothing in its place: the marking is not used.
+const take = (offered) => change((a) => Object.entries(offered.names).forEach(([k, name]) => { a.markings[k].name = name ?? (a.markings[k].kind === "line" ? null : a.markings[k].name); a.markings[k].used = name !== null; }));
 
 // --- telling
 
@@ -262,20 +264,26 @@ const draw = () => {
 // Numbers of the markings as the list has them: those with a name first.
 const listOrder = () => annotation.markings.map((m, k) => k).sort((a, b) => (annotation.markings[a].name ? 0 : 1) - (annotation.markings[b].name ? 0 : 1));
 const tell = () => {
-  const good = answer.status === "calibrated";
+  const good = answer.status === "calibrated", wrong = [...(answer.wrong ?? []), ...offers.filter((one) => one.instead)];
   const verdict = by("verdict");
   verdict.textContent = annotation.flag ? words(annotation.flag) : good ? `calibrated, sigma ${answer.sigma_px?.toFixed(1) ?? "?"} px (${answer.rating}), ${answer.sigma_m?.toFixed(2) ?? "?"} m` : `refused: ${words(answer.code ?? "no camera")}`;
   verdict.title = verdict.textContent;  // narrow windows cut it off
   verdict.className = `chip ${good ? "yes" : "no"}`;
-  by("advice").className = good ? "yes" : "no";
+  by("advice").className = good && !wrong.length ? "yes" : "no";
   const doubt = list?.frames[index]?.[1] === "doubtful" ? `, but known to ${answer.sigma_px?.toFixed(0) ?? "?"} px only: one more line or point helps` : "";
-  by("missing").textContent = good ? `Calibrated${doubt}. Look whether the template lies on the paint.` : answer.missing || answer.reason || "";
+  by("missing").textContent = wrong.length ? wrong.map((one) => one.told).join(" ") : good ? `Calibrated${doubt}. Look whether the template lies on the paint.` : answer.missing || answer.reason || "";
   const why = good || by("missing").textContent === answer.reason ? "" : answer.reason || "";
   by("why").textContent = why && `Why: ${why}.`;
   by("why").hidden = !why;
   const fits = Object.entries(answer.suggested);
   const buttons = [];
-  if (fits.length) buttons.push(make("button", { type: "button", onclick: accept }, `Accept ${fits.length === 1 ? "the line that fits" : `${fits.length} lines that fit`}: ${[...new Set(fits.map(([, name]) => words(name)))].join(", ")} `, make("kbd", { textContent: "a" })));
+  if (wrong.length) wrong.forEach((one, k) => {
+    const [[number, name]] = Object.entries(one.names), before = one.instead[number];
+    const button = make("button", { type: "button", className: "mend", onclick: () => take(one) }, name ? `Name it ${words(name)}, not ${words(before)} ` : `Take ${words(before)} away `);
+    if (name && k === wrong.findIndex((other) => Object.values(other.names)[0])) button.append(make("kbd", { textContent: "a" }));
+    buttons.push(button);
+  });
+  else if (fits.length) buttons.push(make("button", { type: "button", onclick: accept }, `Accept ${fits.length === 1 ? "the line that fits" : `${fits.length} lines that fit`}: ${[...new Set(fits.map(([, name]) => words(name)))].join(", ")} `, make("kbd", { textContent: "a" })));
   else offers.forEach((offered, k) => {
     const button = make("button", { type: "button", onclick: () => take(offered) }, `${k ? "Or" : "Perhaps"}: ${[...new Set(Object.values(offered.names))].map(words).join(", ")} `);
     if (!k) button.append(make("kbd", { textContent: "a" }));
@@ -283,7 +291,7 @@ const tell = () => {
     button.addEventListener("mouseenter", () => show(true)); button.addEventListener("mouseleave", () => show(false));
     buttons.push(button);
   });
-  if (good && !annotation.flag && !list?.frames[index]?.[5]) buttons.push(make("button", { type: "button", id: "confirm", onclick: guarded(confirm) }, "It does: save, next frame ", make("kbd", { textContent: "y" })));
+  if (good && !wrong.length && !annotation.flag && !list?.frames[index]?.[5]) buttons.push(make("button", { type: "button", id: "confirm", onclick: guarded(confirm) }, "It does: save, next frame ", make("kbd", { textContent: "y" })));
   if (!buttons.length && searches && answer.status !== "calibrated") buttons.push(make("small", { textContent: "Looking for names that fit …" }));
   by("offers").replaceChildren(...buttons);
   by("active").textContent = active ? `marking: ${words(active)}` : chosen >= 0 ? "which marking is it?" : "";
@@ -452,7 +460,7 @@ by("export").addEventListener("click", guarded(async () => {
   const { name, content, leftOut } = await net.exported(by("format").value), address = URL.createObjectURL(content);
   make("a", { href: address, download: name }).click();
   setTimeout(() => URL.revokeObjectURL(address), 60000);
-  if (by("format").value !== "workbench") by("saved").textContent = "exported; its points lie on the middle of the paint: circlecal reads it back with --convention paint";
+  if (by("format").value !== "workbench") by("saved").textContent = "exported; its points lie on the middle of the paint, as it says itself: circlecal reads it back as it is";
   tellLines("Exported, but for this", leftOut);
 }));
 by("import").addEventListener("change", guarded(async () => {
