@@ -187,7 +187,7 @@ def test_another_seed_changes_next_to_nothing(frames, easy):
     assert abs(error_px(frames.easy, other) - error_px(frames.easy, easy)) < 0.3
 
 
-def test_without_the_camera_stage_the_closed_form_answers(frames):
+def test_without_the_camera_stage_the_homography_answers(frames):
     plain = load_config(None, ["camera.enabled=false", "verdict.max_circle_residual_px=6"])
     found = run(frames.easy.image, plain, frame_id="easy")
     assert found.attempt.camera is None
@@ -313,6 +313,28 @@ def test_observations_alone_are_calibrated(frames):
     field = np.array([[9.15, 0.0], [-9.15, 0.0], [0.0, 9.15], [0.0, -9.15]])
     seen = found.attempt.camera.camera.project(field)
     assert np.abs(seen - camera.project(field)).max() < 4.0
+
+
+def test_tangents_change_the_answer_without_a_camera_and_its_picture(frames):
+    """A touchline that was seen contradicts the circle by both their noise, and tangents give the circle more say."""
+    camera = frames.easy.truth.camera
+    template, _ = field_of(CONFIG)
+    given = given_by(camera, template)
+    far = line_points(camera, template, "side_line_top", 30, 0.3, np.random.default_rng(6))
+    far_m, answers, pictures = np.array([[-10.0, -30.0], [10.0, -30.0]]), [], []
+    for used in ("true", "false"):
+        plain = load_config(None, ["camera.enabled=false", f"homography.use_tangents={used}"])
+        seen = replace(given, lines=(*given.lines, far))
+        found = run_observations(seen, plain, frame_id="given", convention="paint")
+        assert found.status == "calibrated"
+        answers.append(result_record(found, template))
+        pictures.append(stage_pictures(frames.easy.image, found, template)["07-homography"])
+        assert np.abs(apply_homography(found.H_image_field, far_m) - camera.project(far_m)).max() < 15.0  # no lens
+    with_them, without = answers
+    assert np.abs(np.array(with_them.residuals_px.homography) - without.residuals_px.homography).max() > 1e-3
+    moved = apply_homography(with_them.H_image_field, far_m) - apply_homography(without.H_image_field, far_m)
+    assert np.abs(moved).max() > 1e-2
+    assert not np.array_equal(*pictures)
 
 
 def test_conventions_differ_by_the_paint(frames):

@@ -65,22 +65,28 @@ def correspondences_picture(image: Picture, found: Correspondences, zoom: int) -
 def homography_picture(
     image: Picture, fit: HomographyFit, found: Correspondences | None, template: FieldTemplate, circle: str, zoom: int
 ) -> Picture:
-    """Template through the homography of the closed form, and the points that it was computed from."""
+    """Template through the homography, and the points and lines that it was computed from."""
     canvas = Canvas.of(image, _DIM, zoom)
     view = FieldView(PlaneCamera(image.shape[1], image.shape[0], fit.H_image_field))
     draw_template(canvas, view, template, circle)
-    for point in found.points if found is not None else ():
+    points = () if found is None else found.all_points
+    for line in found.seen_lines if found is not None else ():
+        canvas.line(line.image_line, INLIER, 1.0)
+    for point in points:
         canvas.disc(point.image_px, POINT, 7.0)
-    if found is not None and found.points:
-        canvas.points(view.project(np.stack([p.field_m for p in found.points])), WHITE, 3.0)
+    if points:
+        canvas.points(view.project(np.stack([p.field_m for p in points])), WHITE, 3.0)
     worst = float(np.max(np.abs(fit.residuals_px))) if fit.residuals_px.size else float("nan")
     facts = [
-        f"DLT on points and lines: largest residual {worst:.3g} px, condition {fit.condition:.3g}, "
-        f"null ratio {fit.null_ratio:.2g}"
+        f"DLT on {len(fit.residuals_px)} points and {fit.lines} lines: largest residual {worst:.3g} px, "
+        f"condition {fit.condition:.3g}, null ratio {fit.null_ratio:.2g}"
     ]
-    has_points = found is not None and len(found.points) > 0
-    points = [("derived points", POINT, has_points), ("these through H (white)", WHITE, has_points)]
-    return canvas.header("7 homography", facts, legend_of_template(view, template, circle) + filter_legend(points))
+    legend = [
+        ("derived and known points", POINT, bool(points)),
+        ("these through H (white)", WHITE, bool(points)),
+        ("named lines as seen", INLIER, found is not None and bool(found.seen_lines)),
+    ]
+    return canvas.header("7 homography", facts, legend_of_template(view, template, circle) + filter_legend(legend))
 
 
 def camera_picture(

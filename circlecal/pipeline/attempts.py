@@ -32,12 +32,12 @@ from circlecal.results import (
 from circlecal.solvers import solve_by_name
 from circlecal.stages.camera import estimate_camera
 from circlecal.stages.confirm import are_others_painted, is_circle_painted, look_for_markings
-from circlecal.stages.correspondences import derive_correspondences, is_turned, turn_correspondences
+from circlecal.stages.correspondences import choose_turn, derive_correspondences, is_turned, turn_correspondences
 from circlecal.stages.cues import cues_from_observations, find_cues
 from circlecal.stages.edges import detect_edges
 from circlecal.stages.ellipse import fit_ellipses, fit_observations
 from circlecal.stages.evidence import measure_evidence
-from circlecal.stages.homography import choose_turn, estimate_homography, homography_of_solver, turn_fit
+from circlecal.stages.homography import estimate_homography, homography_of_solver, turn_fit
 from circlecal.stages.mask import find_marking, suit_field
 from circlecal.stages.rays import cast_rays
 from circlecal.stages.surroundings import measure_surroundings
@@ -244,9 +244,8 @@ def _derive_closed_form(
     if not ellipses.all():
         return attempt, None
     with setting.clock("correspondences"):
-        size, keypoints = (setting.width, setting.height), observations.keypoints
         correspondences, refusal = _try_stage(
-            lambda: derive_correspondences(ellipses, cues, template, circle, size, config.correspondences, keypoints)
+            lambda: derive_correspondences(ellipses, cues, template, circle, observations, config.correspondences)
         )
     if correspondences is None:
         missing = None if refusal is None else f"{refusal.reason}. {explain(refusal.code).help}"

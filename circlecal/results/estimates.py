@@ -53,16 +53,25 @@ class DerivedPoint:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LineCorrespondence:
-    """A derived tangent: label, field line (3,), image line (3,), both normalised."""
+    """A derived tangent, or a straight marking: label, field line (3,), image line (3,), both normalised."""
 
     label: str
     field_line: Array
     image_line: Array
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class KnownPoint:
+    """A point of known field position (2,) that was seen itself, its pixel (2,) and standard deviation."""
+
+    field_m: Array
+    image_px: Array
+    sigma_px: float
+
+
 @dataclass(frozen=True, slots=True, repr=False, eq=False)
 class Correspondences(ShortRepr):
-    """Stage ``correspondences``: the paper's points and tangents.
+    """Stage ``correspondences``: the paper's points and tangents, and what was seen beside them.
 
     Attributes
     ----------
@@ -77,7 +86,10 @@ class Correspondences(ShortRepr):
     vanishing_line : (3,) array
         Normalised.
     points, tangents : tuples
-        Eight of each.
+        Eight of each. They follow from a conic, its imaged centre and a direction, which together have as many numbers
+        as a homography: by themselves they never contradict each other.
+    seen_points, seen_lines : tuples
+        Marks, keypoints and named lines as they were seen themselves; a record has them as observations.
     """
 
     case: int
@@ -88,11 +100,22 @@ class Correspondences(ShortRepr):
     vanishing_line: Array
     points: tuple[PointCorrespondence, ...]
     tangents: tuple[LineCorrespondence, ...]
+    seen_points: tuple[KnownPoint, ...] = ()
+    seen_lines: tuple[LineCorrespondence, ...] = ()
+
+    @property
+    def all_points(self) -> tuple[PointCorrespondence | KnownPoint, ...]:
+        """The derived ones, then those that were seen themselves."""
+        return (*self.points, *self.seen_points)
 
 
 @dataclass(frozen=True, slots=True, repr=False, eq=False)
 class HomographyFit(ShortRepr):
-    """Stage ``homography``: the DLT on points and lines, both directions, and the solution of the turned field."""
+    """Stage ``homography``: the DLT on points and lines, both directions, and the solution of the turned field.
+
+    ``residuals_px`` are the distances (N,) of the points, the derived ones first; ``lines`` is how many lines took
+    part.
+    """
 
     H_image_field: Array
     H_field_image: Array
@@ -100,6 +123,7 @@ class HomographyFit(ShortRepr):
     residuals_px: Array
     condition: float
     null_ratio: float
+    lines: int = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,9 +24,9 @@ from circlecal.solvers.primitives import (
     crossing_points,
     find_circle,
     find_lines,
-    find_points,
     line_meets,
 )
+from circlecal.stages.correspondences import known_points
 
 
 @solver
@@ -72,7 +72,7 @@ def points_on_line(observations: Observations, template: FieldTemplate, line: Se
     """Field and image points (N, 2) on the line: marks, keypoints and its meets with other seen markings."""
     pairs = [
         (p.field_m, p.image_px)
-        for p in find_points(observations, template)
+        for p in known_points(observations, template)
         if abs(line.field_line @ np.r_[p.field_m, 1.0]) < SAME_CENTER_M
     ]
     others = [seen for seen in find_lines(observations, template) if seen.marking.name != line.marking.name]

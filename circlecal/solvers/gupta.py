@@ -16,7 +16,8 @@ from circlecal.geometry.conics import circle_conic, polar, pole
 from circlecal.geometry.projective import Array, lift, similarity_normalisation
 from circlecal.observations import Observations
 from circlecal.solvers.interface import failure, solver
-from circlecal.solvers.primitives import SeenCircle, find_circle, find_lines, find_points
+from circlecal.solvers.primitives import SeenCircle, find_circle, find_lines
+from circlecal.stages.correspondences import known_points
 
 RANK_TOLERANCE = 1e-6
 """Smallest ratio of the eighth to the first singular value of a system that determines the homography."""
@@ -29,7 +30,7 @@ def solve(observations: Observations, template: FieldTemplate, circle: Circle, r
     if circle.name not in names:
         raise failure("no_circle", f"no points of the circle {circle.name!r} were seen")
     circles = [find_circle(observations, template, name, rng) for name in names]
-    points, lines = find_points(observations, template), find_lines(observations, template)
+    points, lines = known_points(observations, template), find_lines(observations, template)
     if not points and not lines:
         raise failure("no_matches", "poles and polars need matched points or lines")
     T_field, T_image = _normalisations(circles)

@@ -13,8 +13,8 @@ from circlecal.geometry.projective import Array
 from circlecal.observations import Observations
 from circlecal.solvers.interface import failure, solver
 from circlecal.solvers.magera_case1 import homography_from_correspondences
-from circlecal.solvers.primitives import SAME_CENTER_M, central_point, find_circle, find_points
-from circlecal.stages.correspondences import correspondences_from_point
+from circlecal.solvers.primitives import SAME_CENTER_M, central_point, find_circle
+from circlecal.stages.correspondences import correspondences_from_point, known_points
 
 
 @solver
@@ -23,7 +23,7 @@ def solve(observations: Observations, template: FieldTemplate, circle: Circle, r
     seen = find_circle(observations, template, circle.name, rng)
     center = central_point(observations, template, circle)
     others = [
-        p for p in find_points(observations, template) if np.linalg.norm(p.field_m - circle.center) > SAME_CENTER_M
+        p for p in known_points(observations, template) if np.linalg.norm(p.field_m - circle.center) > SAME_CENTER_M
     ]
     if not others:
         raise failure("no_point", "no point of known field position beside the centre was seen")

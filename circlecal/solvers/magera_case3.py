@@ -14,8 +14,8 @@ from circlecal.geometry.projective import Array
 from circlecal.observations import Observations
 from circlecal.solvers.interface import failure, solver
 from circlecal.solvers.magera_case1 import homography_from_correspondences
-from circlecal.solvers.primitives import SAME_CENTER_M, central_line, concentric_edges, find_points
-from circlecal.stages.correspondences import correspondences_from_line, correspondences_from_point
+from circlecal.solvers.primitives import SAME_CENTER_M, central_line, concentric_edges
+from circlecal.stages.correspondences import correspondences_from_line, correspondences_from_point, known_points
 
 
 @solver
@@ -31,7 +31,7 @@ def solve(observations: Observations, template: FieldTemplate, circle: Circle, r
         point = next(
             (
                 p
-                for p in find_points(observations, template)
+                for p in known_points(observations, template)
                 if np.linalg.norm(p.field_m - circle.center) > SAME_CENTER_M
             ),
             None,

@@ -27,17 +27,17 @@ from circlecal.geometry.homography import dlt, projects_in_front, transfer_error
 from circlecal.geometry.projective import Array, Mask
 from circlecal.geometry.surface import Surface
 from circlecal.observations import MarkingKey, Observations
+from circlecal.results import KnownPoint
 from circlecal.solvers.great_axis import DOWN, toward_camera
 from circlecal.solvers.interface import failure, solver
 from circlecal.solvers.primitives import (
-    KnownPoint,
     central_line,
     crossing_points,
     find_circle,
     find_lines,
-    find_points,
     line_meets,
 )
+from circlecal.stages.correspondences import known_points
 
 SUBSET = 4
 SUBSETS = 120
@@ -100,7 +100,7 @@ def keypoints(
     observations: Observations, template: FieldTemplate, circle: Circle, rng: np.random.Generator
 ) -> Keypoints:
     """Marks, keypoints, meets of lines, and the halfway line's points on the circle."""
-    found = find_points(observations, template)
+    found = known_points(observations, template)
     usual = float(np.median([p.sigma_px for p in found])) if found else 1.0
     lines = find_lines(observations, template)
     found += [KnownPoint(field, image, usual) for field, image in line_meets(lines)]

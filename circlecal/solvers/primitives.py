@@ -14,10 +14,11 @@ from circlecal.field import Circle, FieldTemplate, Line
 from circlecal.geometry.conic_fits import fit_conic
 from circlecal.geometry.conics import line_conic_meet, sampson_distance
 from circlecal.geometry.ellipses import ellipse_from_conic
-from circlecal.geometry.projective import Array, fit_line, lift, meet
+from circlecal.geometry.projective import Array, lift, meet
 from circlecal.geometry.ransac import ransac_conic
 from circlecal.observations import CircleEdge, CirclePoints, Observations
 from circlecal.solvers.interface import failure
+from circlecal.stages.correspondences import known_lines, known_points
 
 OUTLIER_FACTOR = 3.0
 """A fit whose residuals are this many times their sigma (root mean square) has met outliers."""
@@ -40,15 +41,6 @@ class SeenCircle:
     conic: Array
     points_px: Array
     sigma_px: Array
-
-
-@dataclass(frozen=True, slots=True)
-class KnownPoint:
-    """A point of known field position (2,), its pixel (2,) and standard deviation."""
-
-    field_m: Array
-    image_px: Array
-    sigma_px: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,14 +127,11 @@ def concentric_edges(
 def find_lines(observations: Observations, template: FieldTemplate) -> list[SeenLine]:
     """All named straight markings with at least two points."""
     found = []
-    for seen in observations.lines:
-        drawn = None if seen.line is None else template.line_by_name.get(seen.line)
-        if drawn is None or len(seen.points_px) < 2:
-            continue
+    for seen in known_lines(observations, template):
+        drawn = template.line_by_name[seen.label]
         ends = template.line_ends(drawn)
-        image = fit_line(seen.points_px, 1.0 / seen.sigma_px**2)
         direction = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
-        found.append(SeenLine(drawn, image, template.line_coordinates(drawn), direction))
+        found.append(SeenLine(drawn, seen.image_line, seen.field_line, direction))
     return found
 
 
@@ -155,19 +144,9 @@ def central_line(observations: Observations, template: FieldTemplate, circle: Ci
     raise failure("no_line", "no line through the circle's centre was seen")
 
 
-def find_points(observations: Observations, template: FieldTemplate) -> list[KnownPoint]:
-    """Marks and keypoints."""
-    marks = [
-        KnownPoint(np.asarray(template.mark_by_name[m.mark].position, dtype=np.float64), m.point_px, m.sigma_px)
-        for m in observations.marks
-        if m.mark in template.mark_by_name
-    ]
-    return marks + [KnownPoint(k.field_m, k.point_px, k.sigma_px) for k in observations.keypoints]
-
-
 def central_point(observations: Observations, template: FieldTemplate, circle: Circle) -> Array:
     """Imaged centre (3,) of the circle as a mark or keypoint shows it; gives up with ``no_center``."""
-    for point in find_points(observations, template):
+    for point in known_points(observations, template):
         if np.linalg.norm(point.field_m - circle.center) < SAME_CENTER_M:
             return lift(point.image_px)
     raise failure("no_center", "the circle's centre was not seen")

@@ -17,11 +17,29 @@ from circlecal.geometry.camera import camera_from_homography, image_center
 from circlecal.geometry.circle_pose import pinhole_centers
 from circlecal.geometry.concentric import imaged_center, vanishing_line
 from circlecal.geometry.conics import line_conic_meet, normalise_conic, polar
-from circlecal.geometry.homography import Side, camera_side_of, compass_label, homography_from_circle, turn_homography
-from circlecal.geometry.projective import Array, apply_homography, dehomogenise, join, lift, meet, normalise_line
-from circlecal.observations import Keypoint
+from circlecal.geometry.homography import (
+    Side,
+    camera_side_of,
+    compass_label,
+    dlt,
+    homography_from_circle,
+    transfer_errors,
+    turn_homography,
+)
+from circlecal.geometry.projective import (
+    Array,
+    apply_homography,
+    dehomogenise,
+    fit_line,
+    join,
+    lift,
+    line_distance,
+    meet,
+    normalise_line,
+)
+from circlecal.observations import Observations
 from circlecal.refusals import refuse
-from circlecal.results import Correspondences, Cues, EllipseFits, LineCorrespondence, PointCorrespondence
+from circlecal.results import Correspondences, Cues, EllipseFits, KnownPoint, LineCorrespondence, PointCorrespondence
 
 USUAL_ROLL_RAD = np.radians(5.0)
 USUAL_DISTANCE_RADII = 7.0
@@ -29,6 +47,8 @@ USUAL_DISTANCE_LOG_SD = 0.6
 """Roll (standard deviation), and distance of broadcast cameras: 64 m from a circle of 9.15 m, half or twice as far at
 little more than one standard deviation of its logarithm.
 """
+ALIKE_SHARE = 1e-6
+"""Of squared distances from what was seen: two homographies that differ by no more differ by rounding errors."""
 
 
 class CorrespondencesConfig(BaseModel):
@@ -60,11 +80,10 @@ def derive_correspondences(
     cues: Cues,
     template: FieldTemplate,
     circle: Circle,
-    size: tuple[int, int],
+    observations: Observations,
     config: CorrespondencesConfig,
-    keypoints: tuple[Keypoint, ...] = (),
 ) -> Correspondences:
-    """Derive eight points and eight tangents with their field coordinates.
+    """Derive eight points and eight tangents with their field coordinates, and put what was seen itself beside them.
 
     Parameters
     ----------
@@ -76,12 +95,11 @@ def derive_correspondences(
         The field.
     circle : Circle
         The circle that is seen.
-    size : (int, int)
-        Width and height of the picture.
+    observations : Observations
+        Everything that was seen: points of known field position for case 2, and what tells the field from the turned
+        one; where nothing does, the prior on the camera's side chooses.
     config : CorrespondencesConfig
         Options.
-    keypoints : tuple of Keypoint
-        Points of known field position, for case 2.
 
     Raises
     ------
@@ -92,12 +110,12 @@ def derive_correspondences(
     fit = ellipses.primary
     radius = template.radius(circle, fit.edge)
     line = None if cues.halfway is None or template.halfway_line is None else cues.halfway
-    point = next((k for k in keypoints if np.linalg.norm(k.field_m - circle.center) > 1e-6), None)
+    point = next((k for k in observations.keypoints if np.linalg.norm(k.field_m - circle.center) > 1e-6), None)
     if line is None and point is None:
         raise refuse("correspondences", "no_line_or_point")
     if line is None and config.case == 1:
         raise refuse("correspondences", "no_line")
-    center, source = _imaged_center(ellipses, cues, size, config)
+    center, source = _imaged_center(ellipses, cues, (observations.width, observations.height), config)
     o = np.asarray(circle.center)
     if line is not None and config.case != 2 and template.halfway_line is not None:
         start, end = template.line_ends(template.line_by_name[template.halfway_line])
@@ -109,7 +127,76 @@ def derive_correspondences(
         found = replace(found, center_source=source)
     else:
         raise refuse("correspondences", "no_point")
-    return replace(found, case=3) if source == "two_edges" else found
+    if source == "two_edges":
+        found = replace(found, case=3)
+    by_points = dlt([p.field_m for p in found.points], [p.image_px for p in found.points])
+    if by_points is not None:
+        chosen = choose_turn(by_points.H, observations, template, o, config.camera_side)
+        found = turn_correspondences(found, o) if is_turned(found, chosen, o) else found
+    seen_points, seen_lines = known_points(observations, template), known_lines(observations, template)
+    return replace(found, seen_points=tuple(seen_points), seen_lines=tuple(seen_lines))
+
+
+def known_points(observations: Observations, template: FieldTemplate) -> list[KnownPoint]:
+    """Marks and keypoints."""
+    marks = [
+        KnownPoint(np.asarray(template.mark_by_name[m.mark].position, dtype=np.float64), m.point_px, m.sigma_px)
+        for m in observations.marks
+        if m.mark in template.mark_by_name
+    ]
+    return marks + [KnownPoint(k.field_m, k.point_px, k.sigma_px) for k in observations.keypoints]
+
+
+def known_lines(observations: Observations, template: FieldTemplate) -> list[LineCorrespondence]:
+    """Straight markings that have a name and at least two points."""
+    lines = template.line_by_name
+    return [
+        LineCorrespondence(
+            seen.line, template.line_coordinates(lines[seen.line]), fit_line(seen.points_px, 1.0 / seen.sigma_px**2)
+        )
+        for seen in observations.lines
+        if seen.line is not None and seen.line in lines and len(seen.points_px) >= 2
+    ]
+
+
+def choose_turn(
+    H: Array, observations: Observations, template: FieldTemplate, circle_center: Array, side: str
+) -> Array:
+    """A homography (3, 3), or that of the field turned by 180 degrees about the circle's centre.
+
+    Parameters
+    ----------
+    H : (3, 3) array
+        One of the two.
+    observations : Observations
+        What was seen: of the two the one is taken that explains named lines, marks and keypoints better.
+    template : FieldTemplate
+        Says where these are on the field.
+    circle_center : (2,) array
+        Centre of the circle on the field.
+    side : str
+        Of :data:`circlecal.geometry.homography.SIDES`: where the camera stands, if both explain all as well.
+    """
+    turned = turn_homography(H, circle_center)
+    kept, other = (_misfit_px2(each, observations, template) for each in (H, turned))
+    if abs(kept - other) > ALIKE_SHARE * (kept + other):
+        return H if kept < other else turned
+    return turned if camera_side_of(H, side, circle_center) < 0 else H
+
+
+def _misfit_px2(H: Array, observations: Observations, template: FieldTemplate) -> float:
+    """Sum of squared distances, square pixels, of lines, marks and keypoints from where a homography puts them."""
+    lines = template.line_by_name
+    total = 0.0
+    for seen in observations.lines:
+        if seen.line in lines:
+            start, end = lift(template.line_ends(lines[seen.line])) @ H.T
+            total += float((line_distance(join(start, end), seen.points_px) ** 2).sum())
+    places = known_points(observations, template)
+    if places:
+        field, image = np.array([p.field_m for p in places]), np.array([p.image_px for p in places])
+        total += float((transfer_errors(H, field, image) ** 2).sum())
+    return total
 
 
 def _imaged_center(

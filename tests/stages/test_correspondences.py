@@ -13,7 +13,7 @@ from circlecal.geometry.conics import polar, pole
 from circlecal.geometry.ellipses import conic_from_ellipse
 from circlecal.geometry.homography import SIDES, homography_from_circle, transfer_errors, turn_homography
 from circlecal.geometry.projective import apply_homography, dehomogenise, join, lift, meet, normalise_line
-from circlecal.observations import Keypoint
+from circlecal.observations import Keypoint, Observations
 from circlecal.results import Cues, EllipseFits, MarkCue
 from circlecal.stages import correspondences
 from circlecal.stages.correspondences import (
@@ -51,9 +51,8 @@ def derived(camera, config=AUTO, edges=("outer", "inner"), cues=None, keypoints=
         cues_of(camera) if cues is None else cues,
         template,
         circle,
-        (camera.width, camera.height),
+        Observations(camera.width, camera.height, keypoints=keypoints),
         config,
-        keypoints,
     )
 
 
@@ -255,7 +254,7 @@ def with_inner_stretched(camera, share):
 def refusal_of(fits, config=CorrespondencesConfig(case=3), cues=None):
     with pytest.raises(EstimationError) as refused:
         derive_correspondences(
-            fits, cues or cues_of(CAMERA, mark=False), SOCCER, CIRCLE, (CAMERA.width, CAMERA.height), config
+            fits, cues or cues_of(CAMERA, mark=False), SOCCER, CIRCLE, Observations(1280, 720), config
         )
     assert refused.value.stage == "correspondences"
     return refused.value
@@ -266,7 +265,7 @@ def test_case_3_is_refused_where_the_eigenvalue_gap_is_within_noise(share, code)
     fits = with_inner_stretched(CAMERA, share)
     if code is None:
         config = CorrespondencesConfig(case=3)
-        found = derive_correspondences(fits, cues_of(CAMERA), SOCCER, CIRCLE, (1280, 720), config)
+        found = derive_correspondences(fits, cues_of(CAMERA), SOCCER, CIRCLE, Observations(1280, 720), config)
         assert found.case == 3
     else:
         refused = refusal_of(fits)

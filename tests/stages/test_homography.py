@@ -7,13 +7,18 @@ import pytest
 
 from circlecal.errors import EstimationError
 from circlecal.geometry.homography import transfer_errors, turn_homography
-from circlecal.geometry.projective import lift
+from circlecal.geometry.projective import apply_homography, lift
 from circlecal.observations import Keypoint, LinePoints, Observations
-from circlecal.results import PointCorrespondence
-from circlecal.stages.correspondences import correspondences_from_line
-from circlecal.stages.homography import HomographyConfig, choose_turn, estimate_homography
+from circlecal.results import Cues, MarkCue, PointCorrespondence
+from circlecal.stages.correspondences import (
+    CorrespondencesConfig,
+    choose_turn,
+    correspondences_from_line,
+    derive_correspondences,
+)
+from circlecal.stages.homography import HomographyConfig, estimate_homography
 
-from .conftest import CIRCLE, SOCCER, line_cue, true_conic, view
+from .conftest import CIRCLE, SOCCER, fits_of, line_cue, true_conic, view
 
 CAMERA = view()
 EXACT = correspondences_from_line(
@@ -56,6 +61,51 @@ def test_tangents_help():
             H = estimate_homography(given, np.zeros(2), HomographyConfig(use_tangents=use)).H_image_field
             errors[use].append(transfer_errors(H, FIELD, CAMERA.project(FIELD)).mean())
     assert np.mean(errors[True]) < 0.9 * np.mean(errors[False])
+
+
+def with_far_line(rng, side="main", line="side_line_top"):
+    """A mark a pixel off, from which points and tangents are derived, and a named line beside them."""
+    points = CAMERA.project(np.linspace(*SOCCER.line_ends(SOCCER.line_by_name[line]), 9)[3:6])
+    mark = MarkCue("centre_mark", CAMERA.project(np.zeros(2)) + rng.normal(0, 1.0, 2), 1.0, 9.0)
+    seen = Observations(
+        CAMERA.width, CAMERA.height, lines=(LinePoints(line, points + rng.normal(0, 0.3, points.shape), np.ones(3)),)
+    )
+    cues = Cues(line_cue(CAMERA), mark)
+    return derive_correspondences(
+        fits_of(CAMERA, ("center",)), cues, SOCCER, CIRCLE, seen, CorrespondencesConfig(camera_side=side)
+    )
+
+
+def test_tangents_change_nothing_alone_and_weigh_the_circle_against_what_was_seen():
+    """Points and tangents of one conic, centre and direction agree whatever the noise; a named line does not."""
+    given = with_far_line(np.random.default_rng(4))
+    for found, least_px, most_px in ((replace(given, seen_lines=()), 0.0, 1e-8), (given, 1e-3, 5.0)):
+        with_them, without = (
+            estimate_homography(found, np.zeros(2), HomographyConfig(use_tangents=use)) for use in (True, False)
+        )
+        moved = transfer_errors(with_them.H_image_field, FIELD, apply_homography(without.H_image_field, FIELD)).max()
+        assert least_px <= moved <= most_px
+        assert (with_them.residuals_px.max() > 1e-6) == (without.residuals_px.max() > 1e-6) == bool(found.seen_lines)
+        assert with_them.lines == without.lines + 8
+
+
+def test_a_named_line_makes_the_field_about_it_better():
+    """Without it the homography rests on the circle alone, and what it leaves open grows away from it."""
+    far = np.array([[x, y] for x in (-15.0, 0.0, 15.0) for y in (-34.0, -25.0)])
+    errors = {True: [], False: []}
+    for seed in range(12):
+        given = with_far_line(np.random.default_rng(seed))
+        for used in errors:
+            found = given if used else replace(given, seen_lines=())
+            H = estimate_homography(found, np.zeros(2), HomographyConfig()).H_image_field
+            errors[used].append(transfer_errors(H, far, CAMERA.project(far)).mean())
+    assert all(np.array(errors[True]) < np.array(errors[False]))
+
+
+def test_what_was_seen_overrules_the_side_of_the_camera():
+    found = with_far_line(np.random.default_rng(5), side="opposite")
+    H = estimate_homography(found, np.zeros(2), HomographyConfig()).H_image_field
+    assert transfer_errors(H, FIELD, CAMERA.project(FIELD)).max() < 10.0
 
 
 def test_refusals():
