@@ -143,8 +143,6 @@ def _calibration(camera=None, verdict=CALIBRATED):
         surface=Surface("roof", crown_m=0.05),
         parameters=PARAMETERS,
         covariance=everywhere,
-        H_image_field=H,
-        H_field_image=np.linalg.inv(H),
         H_covariance=np.eye(8) * 1e-9,
         imaged_center_px=apply_homography(H, np.zeros(2)),
         imaged_center_covariance=np.eye(2),
@@ -157,7 +155,7 @@ def _calibration(camera=None, verdict=CALIBRATED):
         rejected=(MarkingKey("centre_mark"),),
         named_lines=("side_line_top",),
     )
-    plane = HomographyFit(H, np.linalg.inv(H), turn_homography(H, np.zeros(2)), np.array([0.1, 0.2]), 300.0, 1e-9)
+    plane = HomographyFit(H, turn_homography(H, np.zeros(2)), np.array([0.1, 0.2]), 300.0, 1e-9)
     seen = Observations(
         camera.width,
         camera.height,

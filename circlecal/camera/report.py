@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Collection
-from dataclasses import dataclass, replace
-from typing import TypeVar
+from dataclasses import replace
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,7 +36,7 @@ from circlecal.geometry.camera_parameters import (
     homographies,
     project,
 )
-from circlecal.geometry.homography import compass_label, scale_homography
+from circlecal.geometry.homography import compass_label
 from circlecal.geometry.medians import median_of_rows
 from circlecal.geometry.projective import Array
 from circlecal.observations import MarkingKey
@@ -96,45 +96,29 @@ def camera_fit(
     is_asked = is_own and problem.priors.sd[[INDEX["length"], INDEX["breadth"]]].any()
     prior = state.prior_jacobian[0]
     reference = problem.priors.center_m
-    camera = camera_of(theta, model)
-    H = camera.homography
-    surface = replace(model.surface, crown_m=float(theta[INDEX["crown"]]))
     by_growth = problem.priors.center_by_growth
-    told = _tell_spread(theta, covariance, model, reference, by_growth, circle, template)
+    seen, derived = _derive(theta, covariance, model, reference, by_growth, circle, template)
     turn = count_from_seen(by_growth)
     prior = prior @ (2.0 * np.eye(len(turn)) - turn)
     painted = follow_errors(problem, state, covariance, template)
     missed = _miss_ends(problem, state, stated_sigma_px.keys())
     return CameraFit(
-        camera=camera,
-        surface=surface,
+        **derived,
         parameters=PARAMETERS,
-        covariance=covariance,
-        H_image_field=H,
-        H_field_image=scale_homography(np.linalg.inv(H)),
-        H_covariance=told.H_covariance,
-        imaged_center_px=told.imaged_center_px,
-        imaged_center_covariance=told.imaged_center_covariance,
         noise_scale=scale,
-        data_share=data_share(told.seen, turn @ linear @ turn.T, prior.T @ prior),
+        data_share=data_share(seen, turn @ linear @ turn.T, prior.T @ prior),
         residual_correlation=_correlation(problem, state, circle),
-        max_sigma_px=told.max_sigma_px,
-        max_sigma_m=told.max_sigma_m,
         residuals_px=_leave_out(residuals_px(problem, state), missed),
         bulk_residuals_px=_leave_out(bulk_residuals_px(problem, state), missed),
         point_residuals_px=_leave_out(point_residuals_px(problem, state), missed),
-        theta=theta,
         stated_sigma_px=stated_sigma_px,
-        derived_points=told.derived_points,
         rejected=rejected,
         named_lines=tuple(sorted(set(named.values()))),
         names_by_line=named,
         reference_m=reference,
         reference_by_growth=by_growth,
         field_size=_field_size(theta, covariance, template, posterior) if is_asked else None,
-        other_size=None if posterior is None else _other_size(told.seen, posterior, turn),
-        region=told.region,
-        mean_sigma_px=told.mean_sigma_px,
+        other_size=None if posterior is None else _other_size(seen, posterior, turn),
         painters=_weigh_painters(problem, state, template),
         painted_sigma_px={} if painted is None else painted.residual_px,
         missed_ends_px=missed,
@@ -174,24 +158,10 @@ def weigh_painters(fit: CameraFit, circle: Circle, template: FieldTemplate) -> C
     if fit.painters is None:
         return fit
     theta, covariance = fit.painters.theta, fit.covariance + fit.painters.covariance
-    camera = camera_of(theta, fit.model)
-    told = _tell_spread(theta, covariance, fit.model, fit.reference_m, fit.reference_by_growth, circle, template)
+    _, derived = _derive(theta, covariance, fit.model, fit.reference_m, fit.reference_by_growth, circle, template)
     return replace(
         fit,
-        theta=theta,
-        camera=camera,
-        surface=replace(fit.surface, crown_m=float(theta[INDEX["crown"]])),
-        covariance=covariance,
-        H_image_field=camera.homography,
-        H_field_image=scale_homography(np.linalg.inv(camera.homography)),
-        H_covariance=told.H_covariance,
-        imaged_center_px=told.imaged_center_px,
-        imaged_center_covariance=told.imaged_center_covariance,
-        max_sigma_px=told.max_sigma_px,
-        max_sigma_m=told.max_sigma_m,
-        mean_sigma_px=told.mean_sigma_px,
-        derived_points=told.derived_points,
-        region=told.region,
+        **derived,
         field_size=_renew_size(fit.field_size, theta, covariance, template),
         residuals_px=_leave_out(fit.painters.residuals_px, fit.missed_ends_px),
         point_residuals_px=_leave_out(fit.painters.point_residuals_px, fit.missed_ends_px),
@@ -199,22 +169,7 @@ def weigh_painters(fit: CameraFit, circle: Circle, template: FieldTemplate) -> C
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Spread:
-    """What the covariance of a camera says of everything that is derived from it, and the field points in view."""
-
-    seen: Projection
-    H_covariance: Array
-    imaged_center_px: Array
-    imaged_center_covariance: Array
-    max_sigma_px: float
-    max_sigma_m: float
-    mean_sigma_px: float
-    derived_points: tuple[DerivedPoint, ...]
-    region: HomographyRegion | None
-
-
-def _tell_spread(
+def _derive(
     theta: Array,
     covariance: Array,
     model: ProjectionModel,
@@ -222,11 +177,13 @@ def _tell_spread(
     by_growth: Array,
     circle: Circle,
     template: FieldTemplate,
-) -> _Spread:
-    """Predicted errors count from what was seen, which moves with the field's sizes as ``by_growth`` says; homography,
+) -> tuple[Projection, dict[str, Any]]:
+    """The field points in view, and all of a :class:`CameraFit` that follows from its parameters and their covariance.
+
+    Predicted errors count from what was seen, which moves with the field's sizes as ``by_growth`` says; homography,
     points and region count from the middle of the field.
     """
-    camera = camera_of(theta, model)
+    camera, surface = camera_of(theta, model), replace(model.surface, crown_m=float(theta[INDEX["crown"]]))
     # the camera itself first, then those about it: of one that is hardly known they may lie beyond all numbers, which
     # makes its standard deviations as large
     with np.errstate(over="ignore", invalid="ignore"):
@@ -235,23 +192,24 @@ def _tell_spread(
     vectors = homography_vectors(cameras)
     centers_m = template.center_after_growth(circle, thetas[:, [INDEX["length"], INDEX["breadth"]]])
     centers = imaged_points(cameras, centers_m[:, None])[:, 0]
-    surface = replace(model.surface, crown_m=float(theta[INDEX["crown"]]))
     grid = field_about(FieldView(camera, surface), template, circle, reference_m)
     seen = project(theta[None], grid[None], model)
     turn = count_from_seen(by_growth)
-    sigma_px, sigma_m = seen.sigma(turn @ covariance @ turn.T)
-    is_seen = len(grid) > 0
-    return _Spread(
-        seen,
-        push_forward(vectors[0], vectors[1:]),
-        centers[0],
-        push_forward(centers[0], centers[1:]),
-        float(sigma_px.max()) if is_seen else float("inf"),
-        float(sigma_m.max()) if is_seen else float("inf"),
-        float(sigma_px.mean()) if is_seen else float("inf"),
-        derive_points(thetas, model, circle, centers_m),
-        homography_region(cameras, grid, covariance),
-    )
+    sigmas = seen.sigma(turn @ covariance @ turn.T) if len(grid) else (np.full(1, np.inf), np.full(1, np.inf))
+    return seen, {
+        "theta": theta,
+        "covariance": covariance,
+        "camera": camera,
+        "surface": surface,
+        "H_covariance": push_forward(vectors[0], vectors[1:]),
+        "imaged_center_px": centers[0],
+        "imaged_center_covariance": push_forward(centers[0], centers[1:]),
+        "max_sigma_px": float(sigmas[0].max()),
+        "max_sigma_m": float(sigmas[1].max()),
+        "mean_sigma_px": float(sigmas[0].mean()),
+        "derived_points": derive_points(thetas, model, circle, centers_m),
+        "region": homography_region(cameras, grid, covariance),
+    }
 
 
 def field_about(view: FieldView, template: FieldTemplate, circle: Circle, center_m: ArrayLike) -> Array:

@@ -98,15 +98,13 @@ def _camera(record: ResultRecord, estimate: EstimateRecord) -> CameraFit | None:
     camera = keys.pinhole(record.image)
     if camera is None:
         return None
-    known, H_image_field = keys.covariance, as_array(estimate.H_image_field)
+    known = keys.covariance
     residuals = record.residuals_px or ResidualsRecord()
     return CameraFit(
         camera=camera,
         surface=keys.surface,
         parameters=PARAMETERS if known.is_known else known.parameters,
         covariance=known.full() if known.is_known else as_array(known.matrix),
-        H_image_field=H_image_field,
-        H_field_image=_inverse(record, H_image_field),
         H_covariance=_array_or(record.H_covariance, np.full((8, 8), np.nan)),
         imaged_center_px=_array_or(record.imaged_center, (np.nan, np.nan)),
         imaged_center_covariance=_array_or(record.imaged_center_covariance, np.full((2, 2), np.nan)),
@@ -129,11 +127,6 @@ def _camera(record: ResultRecord, estimate: EstimateRecord) -> CameraFit | None:
     )
 
 
-def _inverse(record: ResultRecord, H_image_field: Array) -> Array:
-    """The way from the picture to the field, which a record has only of an accepted frame."""
-    return as_array(np.linalg.inv(H_image_field) if record.H_field_image is None else record.H_field_image)
-
-
 def _circle_point(point: DerivedPointRecord) -> DerivedPoint:
     return DerivedPoint(point.label, as_array(point.field_m), as_array(point.image_px), as_array(point.covariance))
 
@@ -148,10 +141,9 @@ def _homography(record: ResultRecord, H_image_field: Matrix | None) -> Homograph
     if H_image_field is None:
         return None
     H = as_array(H_image_field)
-    inverse = as_array(np.linalg.inv(H))
     turned = next((a.H_image_field for a in record.alternatives if a.kind == "turned_field"), H_image_field)
     residuals = as_array((record.residuals_px and record.residuals_px.homography) or [])
-    return HomographyFit(H, inverse, as_array(turned), residuals, condition=np.nan, null_ratio=np.nan)
+    return HomographyFit(H, as_array(turned), residuals, condition=np.nan, null_ratio=np.nan)
 
 
 def _ellipses(record: ResultRecord) -> EllipseFits | None:

@@ -9,6 +9,7 @@ import numpy as np
 from circlecal.field.view import FieldView
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel
+from circlecal.geometry.homography import scale_homography
 from circlecal.geometry.projective import Array, apply_homography
 from circlecal.geometry.short_repr import ShortRepr
 from circlecal.geometry.surface import Surface
@@ -118,12 +119,16 @@ class HomographyFit(ShortRepr):
     """
 
     H_image_field: Array
-    H_field_image: Array
     H_image_field_turned: Array
     residuals_px: Array
     condition: float
     null_ratio: float
     lines: int = 0
+
+    @property
+    def H_field_image(self) -> Array:
+        """From the picture to the field (3, 3)."""
+        return scale_homography(np.linalg.inv(self.H_image_field))
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,8 +258,6 @@ class CameraFit(ShortRepr):
         With the estimated crown, quoted at the circle's radius.
     covariance : (P, P) array
         Of the parameters in ``parameters`` (their names).
-    H_image_field, H_field_image : (3, 3) arrays
-        Of the plane tangent at the centre mark, undistorted pixels.
     H_covariance : (8, 8) array
         Of H_image_field scaled to H[2, 2] = 1, row-major without the last entry: for linear propagation.
     region : HomographyRegion or None
@@ -313,8 +316,6 @@ class CameraFit(ShortRepr):
     surface: Surface
     parameters: tuple[str, ...]
     covariance: Array
-    H_image_field: Array
-    H_field_image: Array
     H_covariance: Array
     imaged_center_px: Array
     imaged_center_covariance: Array
@@ -346,6 +347,16 @@ class CameraFit(ShortRepr):
         """Nobody changes an answer by its arrays, which its view, its record and its pictures share."""
         _freeze(self)
         _freeze(self.camera)
+
+    @property
+    def H_image_field(self) -> Array:
+        """Of the plane tangent at the centre mark, to undistorted pixels (3, 3)."""
+        return self.camera.homography
+
+    @property
+    def H_field_image(self) -> Array:
+        """From undistorted pixels to that plane (3, 3)."""
+        return scale_homography(np.linalg.inv(self.camera.homography))
 
     @property
     def all_residuals_px(self) -> dict[MarkingKey, float]:

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from circlecal.geometry.homography import dlt, scale_homography, transfer_errors, turn_homography
+from circlecal.geometry.homography import dlt, transfer_errors, turn_homography
 from circlecal.geometry.projective import Array
 from circlecal.refusals import refuse
 from circlecal.results import Correspondences, HomographyFit
@@ -64,7 +64,6 @@ def estimate_homography(
         raise refuse("homography", "ill_conditioned", detail)
     return HomographyFit(
         H_image_field=solution.H,
-        H_field_image=scale_homography(np.linalg.inv(solution.H)),
         H_image_field_turned=turn_homography(solution.H, circle_center),
         residuals_px=transfer_errors(solution.H, field_points, image_points),
         condition=solution.condition,
@@ -75,12 +74,9 @@ def estimate_homography(
 
 def homography_of_solver(H: Array, circle_center: Array) -> HomographyFit:
     """A published method's homography (3, 3) as the result of this stage; it has no residuals of its own."""
-    inverse, turned = scale_homography(np.linalg.inv(H)), turn_homography(H, circle_center)
-    return HomographyFit(H, inverse, turned, np.zeros(0), float("nan"), float("nan"))
+    return HomographyFit(H, turn_homography(H, circle_center), np.zeros(0), float("nan"), float("nan"))
 
 
 def turn_fit(fit: HomographyFit) -> HomographyFit:
     """The solution of the field turned by 180 degrees, with the first one as the other."""
-    H = fit.H_image_field_turned
-    inverse = scale_homography(np.linalg.inv(H))
-    return replace(fit, H_image_field=H, H_field_image=inverse, H_image_field_turned=fit.H_image_field)
+    return replace(fit, H_image_field=fit.H_image_field_turned, H_image_field_turned=fit.H_image_field)

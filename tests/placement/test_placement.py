@@ -240,8 +240,6 @@ def fit(camera):
         surface=FLAT,
         parameters=PARAMETERS,
         covariance=np.eye(len(PARAMETERS)),
-        H_image_field=camera.homography,
-        H_field_image=np.linalg.inv(camera.homography),
         H_covariance=np.eye(8),
         imaged_center_px=np.zeros(2),
         imaged_center_covariance=np.eye(2),
