@@ -1,4 +1,6 @@
-"""YAML that is safe to read: no code, no key twice, and no more values than a configuration can have."""
+"""YAML that is safe to read: no code, no key twice, and no more values than a configuration can have; and where the
+files are that come with the package.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,7 @@ from typing import Any
 
 import yaml
 
-from circlecal.files import read_text
+from circlecal.files import is_file, read_text
 
 MAX_BYTES = 1 << 20
 """The largest YAML file: the configuration with all its comments has 20 KB, a venue of several cameras some hundred."""
@@ -16,6 +18,27 @@ _DEEPEST = 60
 """Levels of nesting: a venue has six, and the parser in C overflows the stack at some ten thousand."""
 _MOST_VALUES = 300_000
 """Values after aliases (``*name``) are replaced by what they stand for: nine lines of aliases of aliases make 10^9."""
+
+
+def config_folder() -> Path:
+    """Folder of the configurations that come with the package."""
+    inside = Path(__file__).parent / "configs"
+    return inside if inside.is_dir() else Path(__file__).parents[1] / "configs"
+
+
+def config_names() -> list[str]:
+    """Names of the configurations that come with the package."""
+    folder = config_folder()
+    networks = (f"networks/{path.stem}" for path in folder.glob("networks/*.yaml"))
+    return [*sorted(path.stem for path in folder.glob("*.yaml")), *sorted(networks)]
+
+
+def find_config(name_or_file: str | Path) -> Path | None:
+    """A configuration's file: the one that is there, or the one of that name that comes with the package; None where
+    neither is.
+    """
+    path, shipped = Path(name_or_file), config_folder() / f"{name_or_file}.yaml"
+    return path if is_file(path) else shipped if is_file(shipped) else None
 
 
 class YamlError(ValueError):

@@ -19,7 +19,7 @@ from circlecal.errors import ConfigError, InputError
 from circlecal.field import FieldTemplate, field_names, load_field
 from circlecal.field.view import FieldView
 from circlecal.files import exists, is_folder, read_file, remove_file
-from circlecal.formats.exports import Exports, require_field
+from circlecal.formats.exports import Exports, field_of_record, require_field
 from circlecal.formats.format import MAX_BYTES, AnnotationFormat, CameraFormat
 from circlecal.formats.registry import calibration_formats, require_format
 from circlecal.geometry.camera import Camera
@@ -564,9 +564,8 @@ class Calibration:
         ConfigError
             As for :attr:`field`.
         """
-        named = None if self._record.field is None else self._record.field.circle
-        circle = self.field.circle_by_name[named or self.field.default_circle]
-        exports.add(self._record, self.field, circle, self._picture_name)
+        own = self.field
+        exports.add(self._record, *field_of_record(self._record, own, lambda _: own), self._picture_name)
 
     @property
     def _picture_name(self) -> str | None:

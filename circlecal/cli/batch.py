@@ -271,11 +271,11 @@ def _write_further(
     from circlecal.records.parquet import PARQUET_NAME, write_parquet
 
     if exports.targets:
-        template, circle = field_of(run.config)
+        template, _ = field_of(run.config)
         annotated = {frame.id: frame for frame in frames if isinstance(frame, FrameOfFile)}
         convention = apply_convention(template, run.convention)
         told = partial(load_told_field, run.config)
-        export_records(read_records(out), exports.into(out), template, circle, annotated, convention, told)
+        export_records(read_records(out), exports.into(out), template, annotated, convention, told)
     if exports.parquet:
         write_parquet(read_records(out), out / PARQUET_NAME)
 

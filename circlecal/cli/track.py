@@ -151,7 +151,7 @@ def _write_further(
 
     template, circle = field_of(run.config)
     if exports.targets:
-        export_records(records_in_order(out), exports.into(out), template, circle, {}, template)
+        export_records(records_in_order(out), exports.into(out), template, {}, template)
     if exports.parquet:
         write_parquet(records_in_order(out), out / PARQUET_NAME)
     if not video:

@@ -4,7 +4,7 @@
 frame); ``writing`` (as YAML, schema and digest) needs the sections alone.
 """
 
-from circlecal.config.loading import NamedOption, config_folder, config_names, load_config
+from circlecal.config.loading import NamedOption, load_config
 from circlecal.config.sections import (
     AUTO,
     MODEL_KEYS,
@@ -17,6 +17,7 @@ from circlecal.config.sections import (
 )
 from circlecal.config.suiting import aspect_of, check_among, find_template, load_told_field, suit_config, suit_pixels
 from circlecal.config.writing import absolute_files, config_digest, effective_yaml, json_schema
+from circlecal.yaml_text import config_folder, config_names
 
 __all__ = [
     "AUTO",

@@ -21,21 +21,8 @@ from pydantic_core import ErrorDetails
 from circlecal.config.sections import Config, FieldConfig, change_files, find_nested_model
 from circlecal.errors import ConfigError, InputError, explain_problem
 from circlecal.field import load_field
-from circlecal.files import is_file, read_text
-from circlecal.yaml_text import MAX_BYTES, YamlError, parse_yaml
-
-
-def config_folder() -> Path:
-    """Folder of the configurations that come with the package."""
-    inside = Path(__file__).parents[1] / "configs"
-    return inside if inside.is_dir() else Path(__file__).parents[2] / "configs"
-
-
-def config_names() -> list[str]:
-    """Names of the configurations that come with the package."""
-    folder = config_folder()
-    networks = (f"networks/{path.stem}" for path in folder.glob("networks/*.yaml"))
-    return [*sorted(path.stem for path in folder.glob("*.yaml")), *sorted(networks)]
+from circlecal.files import read_text
+from circlecal.yaml_text import MAX_BYTES, YamlError, config_names, find_config, parse_yaml
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,12 +151,11 @@ def _name_suited_config(section: Any) -> str | None:
 
 
 def _find_config(name_or_file: str | Path) -> Path:
-    path = Path(name_or_file)
-    if path.suffix in (".yaml", ".yml") or is_file(path):
-        return path
-    shipped = config_folder() / f"{name_or_file}.yaml"
-    if is_file(shipped):
-        return shipped
+    found = find_config(name_or_file)
+    if found is not None:
+        return found
+    if Path(name_or_file).suffix in (".yaml", ".yml"):
+        return Path(name_or_file)  # reading it tells what is wrong
     raise ConfigError(f"config {str(name_or_file)!r} is no file and no known name; known: {', '.join(config_names())}")
 
 

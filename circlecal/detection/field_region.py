@@ -60,7 +60,12 @@ class FieldRegion:
 
     def hull_at(self, width: int, height: int) -> NDArray[np.uint8]:
         """Hull at another picture size: (height, width) uint8, 0 or 255."""
-        return np.asarray(cv2.resize(self.hull, (width, height), interpolation=cv2.INTER_NEAREST), np.uint8)
+        return resize_hull(self.hull, width, height)
+
+
+def resize_hull(hull: NDArray[np.uint8], width: int, height: int) -> NDArray[np.uint8]:
+    """A hull (h, w), 0 or 255, at another picture size: (height, width) uint8."""
+    return np.asarray(cv2.resize(hull, (width, height), interpolation=cv2.INTER_NEAREST), np.uint8)
 
 
 def uncover(region: FieldRegion, covered: Mask | None) -> FieldRegion:

@@ -4,11 +4,11 @@ are known, limbs of players for the most part, and now and then the corner of a 
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.detection.arcs import lie_near_conics
+from circlecal.detection.field_region import resize_hull
 from circlecal.detection.lines import find_straight_runs
 from circlecal.detection.options import DetectorConfig
 from circlecal.detection.picture import reduce_picture
@@ -54,9 +54,7 @@ def find_short_runs(
     """
     reduced, scaling = reduce_picture(gray, config.detection_width_px, config.enlarged_width_px)
     rows, columns = reduced.shape
-    region = np.asarray(
-        cv2.resize(hull.astype(np.uint8) * 255, (columns, rows), interpolation=cv2.INTER_NEAREST), np.uint8
-    )
+    region = resize_hull(hull.astype(np.uint8) * 255, columns, rows)
     ridges = find_ridges(reduced, region, 1.0, config.ridges)
     points = scaling.full(ridges.points)
     near_px = KNOWN_PX * gray.shape[1] / 1920.0

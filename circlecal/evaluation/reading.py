@@ -12,7 +12,7 @@ import numpy as np
 from circlecal.errors import InputError
 from circlecal.evaluation.clip_truth import ClipTruth, parse_clip_truth
 from circlecal.evaluation.soccernet_metric import CLASSES, MetricCamera, PlaneHomography, Projector
-from circlecal.field import load_field
+from circlecal.field import MEET, load_field
 from circlecal.field.view import FieldView
 from circlecal.files import find_files, is_folder
 from circlecal.formats import soccernet, soccernet_camera
@@ -28,6 +28,7 @@ from circlecal.formats.format import (
     Side,
     parse_content,
 )
+from circlecal.formats.inputs import FramePlaces
 from circlecal.formats.registry import RESULT, open_file
 from circlecal.formats.soccernet_camera import CameraKeys
 from circlecal.formats.worldcup import SUFFIX as MATRIX_SUFFIX
@@ -43,8 +44,8 @@ SCORED_FIELD = "soccer"
 """The field whose markings and sizes the metrics have."""
 USUAL_SIZES: tuple[Size, ...] = ((640, 360), (960, 540), (1280, 720), (1920, 1080), (3840, 2160))
 SIZE_TOLERANCE = 0.06
-MEET = " x "
-"""Between the names of two lines in that of the place where they meet."""
+ONE_BY_ONE = "evaluate one folder after the other, or give their frames different names"
+"""What helps where the frames of clips are numbered alike."""
 CENTRAL_CLASS, HALFWAY_CLASS = "Circle central", "Middle line"
 _MAX_LINES_CENTRAL = 2
 
@@ -99,7 +100,7 @@ def read_annotated_points(folder: Path, size: Size) -> dict[str, Annotated]:
     files = [path for path in _sources(folder) if path.suffix == ".json"]
     files = [path for path in files if not path.name.startswith(("camera_", "extremities_"))]
     found: dict[str, Annotated] = {}
-    places = _Places()
+    places = FramePlaces(ONE_BY_ONE, in_one_folder=True)
     marks = load_field(SCORED_FIELD).mark_by_name
     for path in files:
         known, content = open_file(path)
@@ -118,28 +119,6 @@ def read_annotated_points(folder: Path, size: Size) -> dict[str, Annotated]:
     if not found:
         raise InputError(f"{folder}: holds no line annotation of SoccerNet (<id>.json)")
     return found
-
-
-class _Places:
-    """In which files frames were found: clips whose frames are numbered alike are evaluated one by one."""
-
-    def __init__(self) -> None:
-        self.files: dict[str, Path] = {}
-
-    def enter(self, path: Path, frame_id: str) -> None:
-        """Note that a file holds a frame.
-
-        Raises
-        ------
-        InputError
-            A file in another folder holds a frame of that name.
-        """
-        earlier = self.files.setdefault(frame_id, path)
-        if earlier.parent != path.parent:
-            raise InputError(
-                f"{path}: holds the frame {frame_id}, as {earlier} does; evaluate one folder after the other, or give "
-                "their frames different names"
-            )
 
 
 def holds_cameras(folder: Path) -> bool:
@@ -177,7 +156,7 @@ def read_predictions(folder: Path, size: Size, given_size: Size | None = None) -
     """
     found: dict[str, Prediction] = {}
     others: set[str] = set()
-    places = _Places()
+    places = FramePlaces(ONE_BY_ONE, in_one_folder=True)
     for path in _sources(folder):
         held = _read_source(path, size, given_size)
         for frame_id in held.ids:

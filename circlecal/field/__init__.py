@@ -3,6 +3,7 @@
 from circlecal.field.loading import field_folder, field_names, load_field, template_from_mapping
 from circlecal.field.template import (
     COMPASS,
+    MEET,
     Arc,
     Circle,
     FieldTemplate,
@@ -15,6 +16,7 @@ from circlecal.field.template import (
 
 __all__ = [
     "COMPASS",
+    "MEET",
     "Arc",
     "Circle",
     "FieldTemplate",

@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from circlecal.errors import ConfigError, InputError, explain_problem
 from circlecal.field.template import FieldTemplate, evaluate_size
 from circlecal.files import is_file, open_regular
-from circlecal.yaml_text import YamlError, read_yaml
+from circlecal.yaml_text import YamlError, config_folder, config_names, find_config, read_yaml
 
 FACTS_OF_SPORT = ("sport", "ground", "config", "polarity")
 """Keys that all templates of one sport share. A template of a user's that leaves some of them out has those of its
@@ -84,8 +84,7 @@ def _name_missing(location: tuple[int | str, ...]) -> str:
 
 def field_folder() -> Path:
     """Folder of the templates that come with the package."""
-    inside = Path(__file__).parents[1] / "configs" / "fields"
-    return inside if inside.is_dir() else Path(__file__).parents[2] / "configs" / "fields"
+    return config_folder() / "fields"
 
 
 def field_names() -> list[str]:
@@ -157,11 +156,9 @@ def _require_config(config: str | None, path: Path) -> None:
     ConfigError
         It is neither.
     """
-    shipped = field_folder().parent
-    if config is None or is_file(Path(config)) or is_file(shipped / f"{config}.yaml"):
-        return
-    known = ", ".join(sorted(file.stem for file in shipped.glob("*.yaml")))
-    raise ConfigError(f"{path}: config: {config!r} is no file and no known name; known: {known}")
+    if config is not None and find_config(config) is None:
+        known = ", ".join(config_names())
+        raise ConfigError(f"{path}: config: {config!r} is no file and no known name; known: {known}")
 
 
 def complete_facts(template: FieldTemplate) -> FieldTemplate:

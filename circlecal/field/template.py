@@ -18,7 +18,7 @@ import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
 
 from circlecal.geometry.homography import compass_label
-from circlecal.geometry.projective import Array
+from circlecal.geometry.projective import Array, meet
 
 _OPERATORS: dict[type[ast.AST], Any] = {
     ast.Add: operator.add,
@@ -85,6 +85,8 @@ Coordinate = Annotated[Size, Field(ge=-LARGEST_M, le=LARGEST_M)]
 Angle = Annotated[Size, Field(ge=-LARGEST_DEG, le=LARGEST_DEG)]
 Point = tuple[Coordinate, Coordinate]
 Edge = Literal["outer", "inner", "center"]
+MEET = " x "
+"""Between the names of two lines in that of the place where they meet, as ``halfway_line x side_line_top``."""
 
 
 NODES = 65
@@ -497,6 +499,15 @@ class FieldTemplate(BaseModel):
         (x0, y0), (x1, y1) = self.line_ends(line)
         normal = np.array([y0 - y1, x1 - x0]) / np.hypot(x1 - x0, y1 - y0)
         return np.array([normal[0], normal[1], -normal @ (x0, y0)])
+
+    def meet_lines(self, first: str, second: str) -> Array | None:
+        """Where two straight markings meet, drawn on: (2,) metres; None where the field has not both of these names, or
+        they are parallel.
+        """
+        if first not in self.line_by_name or second not in self.line_by_name:
+            return None
+        crossing = meet(*(self.line_coordinates(self.line_by_name[name]) for name in (first, second)))
+        return None if abs(crossing[2]) < 1e-9 else np.asarray(crossing[:2] / crossing[2])
 
     @cached_property
     def line_rows(self) -> Array:

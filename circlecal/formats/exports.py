@@ -6,6 +6,7 @@ import logging
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -209,7 +210,6 @@ def export_records(
     records: Iterable[ResultRecord],
     exports: Exports,
     template: FieldTemplate,
-    circle: Circle,
     annotated: Mapping[str, FrameOfFile],
     annotated_template: FieldTemplate,
     load_told: Callable[[str], FieldTemplate] = load_field,
@@ -222,7 +222,7 @@ def export_records(
         Of the run.
     exports : Exports
         What to write; finished here.
-    template, circle : FieldTemplate, Circle
+    template : FieldTemplate
         As for :meth:`Exports.add`; of frames that told their field themselves it is that.
     annotated : mapping
         By frame id, where frames came from annotation files.
@@ -240,22 +240,23 @@ def export_records(
         if record.image is None:  # never read
             continue
         frame = annotated.get(record.id)
+        is_official = frame is not None and not frame.observed.on_paint
+        field = field_of_record(record, annotated_template if is_official else template, load_told)
         if frame is not None:
-            seen_on = template if frame.observed.on_paint else annotated_template
-            exports.add(record, seen_on, circle, frame.image, frame.observed)
+            exports.add(record, *field, frame.image, frame.observed)
         else:
-            exports.add(record, *_field_of_record(record, template, circle, load_told), _picture_name(record))
+            exports.add(record, *field, _picture_name(record))
     exports.finish()
 
 
-def _field_of_record(
-    record: ResultRecord, template: FieldTemplate, circle: Circle, load_told: Callable[[str], FieldTemplate]
+def field_of_record(
+    record: ResultRecord, usual: FieldTemplate, load: Callable[[str], FieldTemplate]
 ) -> tuple[FieldTemplate, Circle]:
-    """The field that a picture told, or the one of the run."""
-    if not record.fields or record.field is None:
-        return template, circle
-    told = load_told(record.field.template)
-    return told, told.circle_by_name.get(record.field.circle or told.default_circle, circle)
+    """The field of a record, and the circle of it that was seen; the usual field where the record names none."""
+    own = record.field
+    template = usual if own is None or own.template == usual.name else load(own.template)
+    seen = None if own is None or own.circle is None else template.circle_by_name.get(own.circle)
+    return template, seen or template.circle_by_name[template.default_circle]
 
 
 def _picture_name(record: ResultRecord) -> str | None:
@@ -461,13 +462,13 @@ def _cameras_of_record(record: ResultRecord, target: CameraFormat, template: Fie
     InputError
         The format cannot say the record's own field.
     """
-    template = _own_template(record, template)
+    template, circle = field_of_record(record, template, partial(_load_own, record, template))
     if target.requires is not None:
         try:
             target.requires(template)
         except InputError as error:
             raise InputError(f"{record.id}: {error}") from error
-    stored = CalibratedFrame.of(record, template, template.circle_by_name[template.default_circle])
+    stored = CalibratedFrame.of(record, template, circle)
     if stored is not None:
         return [replace(stored, image=_picture_name(record)).reduce(target.holds)]
     if record.image is None or not target.lists_refused:
@@ -475,13 +476,10 @@ def _cameras_of_record(record: ResultRecord, target: CameraFormat, template: Fie
     return [CameraFrame(record.id, record.width, record.height, image=_picture_name(record))]
 
 
-def _own_template(record: ResultRecord, usual: FieldTemplate) -> FieldTemplate:
-    """The field of a record; the usual one where the record names none, or a file that is gone."""
-    own = record.field
-    if own is None or own.template == usual.name:
-        return usual
+def _load_own(record: ResultRecord, usual: FieldTemplate, name: str) -> FieldTemplate:
+    """The field that a record names, with its sizes; the usual one where its file is gone."""
     try:
-        return load_field(own.template, own.sizes)
+        return load_field(name, None if record.field is None else record.field.sizes)
     except ConfigError:
         return usual
 

@@ -230,12 +230,39 @@ def _require_different_frames(logs: Sequence[Path]) -> None:
     InputError
         Two of them hold a frame.
     """
-    places: dict[str, Path] = {}
+    places = FramePlaces("give one of the two runs")
     for log in logs if len(logs) > 1 else ():
         for row in read_records(log, ResultRow):
-            earlier = places.setdefault(row.id, log)
-            if earlier != log:
-                raise InputError(f"{log}: holds the frame {row.id}, as {earlier} does; give one of the two runs")
+            places.enter(log, row.id)
+
+
+class FramePlaces:
+    """In which files frames were found.
+
+    Parameters
+    ----------
+    mend : str
+        What helps where two files hold a frame.
+    in_one_folder : bool
+        Whether files of one folder may: only clips whose frames are numbered alike are kept apart.
+    """
+
+    def __init__(self, mend: str, *, in_one_folder: bool = False) -> None:
+        self._mend, self._in_one_folder = mend, in_one_folder
+        self._files: dict[str, Path] = {}
+
+    def enter(self, path: Path, frame_id: str) -> None:
+        """Note that a file holds a frame.
+
+        Raises
+        ------
+        InputError
+            Another file holds a frame of that name.
+        """
+        earlier = self._files.setdefault(frame_id, path)
+        are_one = earlier.parent == path.parent if self._in_one_folder else earlier == path
+        if not are_one:
+            raise InputError(f"{path}: holds the frame {frame_id}, as {earlier} does; {self._mend}")
 
 
 def refuse_overwriting(frames: Sequence[FrameOfFile], out: Path) -> None:

@@ -16,13 +16,13 @@ from typing import Annotated
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
-from circlecal.field import COMPASS, Circle, FieldTemplate, load_field
+from circlecal.field import COMPASS, MEET, Circle, FieldTemplate, load_field
 from circlecal.formats import pnlcalib
 from circlecal.formats.cameras import CENTRE, TANGENT, Size
 from circlecal.formats.registry import annotation_formats, read_annotations
 from circlecal.formats.shapes import ELLIPSE_SAMPLES, AnnotatedFrame, ObservedFrame, Shape
 from circlecal.formats.soccernet import GOAL_CLASSES, UNKNOWN_CLASSES
-from circlecal.geometry.projective import Array, meet
+from circlecal.geometry.projective import Array
 from circlecal.observations import CirclePoints, Keypoint, LinePoints, MarkPoint, Observations, join_observations
 
 REFERENCE_WIDTH_PX = 1920.0
@@ -234,7 +234,7 @@ def names_a_point(label: str, template: FieldTemplate) -> bool:
         return kind in ("", "mark")
     prefixes = [normalise(circle.name) + " " for circle in template.circles]
     places = {name.removeprefix(prefix) for prefix in prefixes if name.startswith(prefix)}
-    return name in _CENTRE_WORDS or " x " in name or bool(places & {CENTRE, *_DIRECTIONS})
+    return name in _CENTRE_WORDS or MEET in name or bool(places & {CENTRE, *_DIRECTIONS})
 
 
 @dataclass(slots=True)
@@ -298,14 +298,13 @@ class _Reading:
             prefix = normalise(circle.name) + " "
             if name.startswith(prefix):
                 return self._take_circle_place(shape, circle, name.removeprefix(prefix))
-        first, _, second = name.partition(" x ")
-        lines = {normalise(line.name): line for line in self.template.lines}
-        if first in lines and second in lines and first != second:
-            crossing = meet(*(self.template.line_coordinates(lines[key]) for key in (first, second)))
-            if abs(crossing[2]) > 1e-9:
-                self._keypoint(shape.label, crossing[:2] / crossing[2], shape.points_px[0], self.sigma_px)
-                return True
-        return False
+        first, _, second = name.partition(MEET)
+        lines = {normalise(line.name): line.name for line in self.template.lines}
+        crossing = self.template.meet_lines(lines.get(first, ""), lines.get(second, ""))
+        if crossing is None:
+            return False
+        self._keypoint(shape.label, crossing, shape.points_px[0], self.sigma_px)
+        return True
 
     def _take_circle_place(self, shape: Shape, circle: Circle, direction: str) -> bool:
         """Take a point of a circle, or its centre; whether the direction is one of a map."""

@@ -25,6 +25,7 @@ from circlecal.field import FieldTemplate, Line
 from circlecal.geometry.camera_parameters import LOG_FOCAL, POSITION, project
 from circlecal.geometry.projective import Array, fit_line, line_distance, meet
 from circlecal.observations import LineEnd, LinePoints, Observations
+from circlecal.paint.ends import piece_beside
 
 SIGMA_PX = 2.0
 """Standard deviation of an end along its line, pixels at 1920 px width."""
@@ -50,10 +51,6 @@ PASSED_PX, PLACE_PX, PASSED_SHARE, MET_LENGTHS = 20.0, 2.0, 0.6, 3.0
 pixels at 1920 px width on both sides of it, and as much farther off where lettering on the floor hides the crossing;
 and by how many of its lengths that one may be drawn on to meet it. The side of a penalty area ends two lengths before
 the halfway line that a rendered field of 40 m was made to end on it.
-"""
-PIECE_SHARE = 0.2
-"""Share of a line's length to both sides of a point by which it is judged whether the line passes: by its own ends a
-touchline that runs through the whole picture lay 2.3 px beside the end of the halfway line on it.
 """
 DRAWN_ON = 1.0
 """Lengths of its own by which a line may be drawn on to pass through an end: streaks of a floor 130 and 190 px long
@@ -232,10 +229,9 @@ def _piece_beside(points_px: Array, point_px: Array) -> Array:
     points where it ends before.
     """
     first, last = segment_ends(points_px)
-    along = (points_px - point_px) @ (last - first) / np.linalg.norm(last - first)
-    beside = np.abs(along) < PIECE_SHARE * np.ptp(along)
-    is_inside = min(along.max(), -along.min()) > 0.0
-    return points_px[beside] if is_inside and np.count_nonzero(beside) >= FEWEST_POINTS else points_px
+    way = (points_px - point_px) @ (last - first)
+    is_inside = min(way.max(), -way.min()) > 0.0
+    return piece_beside(points_px, point_px, last - first, FEWEST_POINTS) if is_inside else points_px
 
 
 def agree_with_ends(names: dict[int, str], ends: tuple[LinePoints, ...], observations: Observations) -> bool:

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from circlecal.geometry.projective import Array, fit_line, meet
+from circlecal.paint.ends import piece_beside
 from circlecal.results import LineCue
 
 __all__ = ["leave_out_hidden_ends"]
@@ -26,8 +27,6 @@ ASIDE_PX = 30.0
 """Pixels at 1920 px width over which the crossing marking is seen on both sides: more than a far player's width."""
 LEAST_SINE = 0.15
 """Sine of the least angle, in the picture, between two markings that cross."""
-BESIDE_SHARE = 0.2
-"""Share of a marking's length to both sides of a place by which its course there is judged, since lenses bend it."""
 
 
 def leave_out_hidden_ends(line: LineCue, others: Sequence[LineCue], unit: float) -> LineCue:
@@ -66,6 +65,5 @@ def _stops_at(line: LineCue, other: LineCue, end_px: Array, unit: float) -> bool
 def _course_beside(points_px: Array, place_px: Array) -> Array:
     """Line (3,) of a marking (N, 2) beside a place (2,), of all of it where it is not seen there."""
     line = fit_line(points_px)
-    along = (points_px - place_px) @ np.array([-line[1], line[0]])
-    beside = np.abs(along) < BESIDE_SHARE * np.ptp(along)
-    return fit_line(points_px[beside]) if np.count_nonzero(beside) > 2 else line
+    beside = piece_beside(points_px, place_px, np.array([-line[1], line[0]]), fewest=3)
+    return line if len(beside) == len(points_px) else fit_line(beside)

@@ -11,14 +11,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
-import numpy as np
-
 from circlecal.config import TOLD_APART
 from circlecal.field import Circle, FieldTemplate, field_names, load_field
 from circlecal.pipeline.attempts import add_checks, refuse_as_open
 from circlecal.pipeline.field_paint import look_for_paint
 from circlecal.pipeline.leagues import lay_over_attempt, weigh
-from circlecal.pipeline.placed_view import FEWEST_CARRYING, count_carrying
+from circlecal.pipeline.placed_view import FEWEST_CARRYING, count_carrying, lie_about_alike
 from circlecal.pipeline.setting import Scene, Setting, lighten_markings
 from circlecal.placement import SeenPaint, ViewEvidence, weigh_view
 from circlecal.results import Attempt, Check, Verdict
@@ -153,12 +151,7 @@ def _lay_about_others(
     colour; ``rivals`` is what speaks for them about the circle that the attempt takes it for.
     """
     camera, best, others = attempt.camera, dict(rivals), [load_field(name) for name in rivals]
-    look = circle.radius_m, circle.color
-    for alike in template.round_ones:
-        if camera is None or alike.name == circle.name or (alike.radius_m, alike.color) != look:
-            continue
-        shift = np.append(np.subtract(alike.center, circle.center), 0.0)
-        moved = replace(camera, camera=replace(camera.camera, position_m=camera.camera.position_m + shift))
+    for alike, moved in () if camera is None else lie_about_alike(camera, circle, template.round_ones):
         laid = lay_over_attempt(replace(attempt, camera=moved), template, alike, paint, others)
         for name, seen in zip(rivals, laid or (), strict=laid is not None):
             best[name] = max(best[name], seen, key=weigh)

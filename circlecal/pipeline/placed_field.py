@@ -19,6 +19,7 @@ from circlecal.pipeline.placed_view import (
     SURFACE_SHARE,
     count_carrying,
     follow_placement,
+    lie_about_alike,
     see_rims,
 )
 from circlecal.pipeline.refinements import Retry
@@ -359,11 +360,8 @@ def _is_circle_told(setting: Setting, paint: SeenPaint, weighed: ViewEvidence, a
     own = template.circle_by_name.get(attempt.circle_name or "")
     if own is None or camera is None or count_carrying(attempt) < FEWEST_CARRYING:
         return False
-    alike = [c for c in template.circles if c is not own and (c.radius_m, c.color) == (own.radius_m, own.color)]
-    for other in alike:
-        shift = np.append(np.subtract(other.center, own.center), 0.0)
-        moved = replace(camera.camera, position_m=camera.camera.position_m + shift)
-        there = weigh_view(replace(camera.view, camera=moved), template, paint)
+    for _, moved in lie_about_alike(camera, own, template.circles):
+        there = weigh_view(moved.view, template, paint)
         is_possible = there.surface_share >= SURFACE_SHARE and there.bare_widths <= MOST_BARE
         if is_possible and there.evidence * RIVAL_RATIO > weighed.evidence:
             return False

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.errors import EstimationError
+from circlecal.field import Circle
 from circlecal.field.view import FieldView
 from circlecal.geometry.conics import sampson_distance
 from circlecal.observations import CirclePoints, LineEnd, MarkingKey, Observations
@@ -265,6 +266,17 @@ def _allow_painters(camera: CameraFit, key: MarkingKey, limit_px: float) -> floa
 def count_carrying(attempt: Attempt) -> int:
     """How many markings carry the camera of an attempt."""
     return 0 if attempt.camera is None else len(attempt.camera.residuals_px)
+
+
+def lie_about_alike(camera: CameraFit, own: Circle, circles: Iterable[Circle]) -> Iterator[tuple[Circle, CameraFit]]:
+    """Each other one of some circles that looks like the one that a camera lies about, with the camera as it stands
+    where that is the one.
+    """
+    for other in circles:
+        if other is own or (other.radius_m, other.color) != (own.radius_m, own.color):
+            continue
+        shift = np.append(np.subtract(other.center, own.center), 0.0)
+        yield other, replace(camera, camera=replace(camera.camera, position_m=camera.camera.position_m + shift))
 
 
 def _may_show_more_markings(setting: Setting, attempt: Attempt) -> bool:

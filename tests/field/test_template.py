@@ -262,3 +262,11 @@ def test_directions_have_their_names_as_the_main_camera_sees_them():
     assert COMPASS["bottom_left"] == pytest.approx(np.array([-1.0, 1.0]) / np.sqrt(2.0))
     angles = np.arctan2(*np.array(list(COMPASS.values())).T[::-1])
     assert np.array(list(COMPASS.values())) == pytest.approx(unit_circle(angles))
+
+
+def test_where_two_lines_meet():
+    template = load_field("soccer")
+    assert template.meet_lines("halfway_line", "side_line_top") == pytest.approx([0.0, -34.0], abs=0.07)
+    assert template.meet_lines("side_line_bottom", "side_line_top") is None
+    assert template.meet_lines("halfway_line", "halfway_line") is None
+    assert template.meet_lines("halfway_line", "nowhere") is None
