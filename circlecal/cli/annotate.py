@@ -12,6 +12,7 @@ from urllib.parse import quote
 import typer
 
 from circlecal.cli import options
+from circlecal.cli.plain_flags import INPUT, OUTPUT, RUNNING
 
 if TYPE_CHECKING:
     from circlecal.config import Config
@@ -26,17 +27,36 @@ def annotate(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", "-o", help="Folder of the annotations. (default: RUN/annotations, else circlecal-annotations)"
+            "--out",
+            "-o",
+            help="Folder of the annotations. (default: RUN/annotations, else circlecal-annotations)",
+            rich_help_panel=OUTPUT,
         ),
     ] = None,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page; 0 takes a free one.")] = 0,
-    no_browser: Annotated[bool, typer.Option("--no-browser", help="Only print the address.")] = False,
+    port: Annotated[
+        int,
+        typer.Option(min=0, max=65535, help="Port of the page; 0 takes a free one.", rich_help_panel=RUNNING),
+    ] = 0,
+    no_browser: Annotated[
+        bool, typer.Option("--no-browser", help="Only print the address.", rich_help_panel=RUNNING)
+    ] = False,
     frame: Annotated[
-        str | None, typer.Option("--frame", metavar="ID", help="Frame to begin with. (default: the first to do)")
+        str | None,
+        typer.Option(
+            "--frame",
+            metavar="ID",
+            help="Frame to begin with. (default: the first to do)",
+            rich_help_panel=INPUT,
+        ),
     ] = None,
     part: Annotated[
         str | None,
-        typer.Option("--part", metavar="K/N", help="Only the K-th of N equal parts, for one of several people."),
+        typer.Option(
+            "--part",
+            metavar="K/N",
+            help="Only the K-th of N equal parts, for one of several people.",
+            rich_help_panel=INPUT,
+        ),
     ] = None,
     every: options.Every = None,
     config: options.ConfigFile = None,

@@ -14,6 +14,7 @@ import typer
 
 from circlecal.cli import options
 from circlecal.cli.inputs import choose_frames_and_videos, note_idle_options, note_late_start, require_frames
+from circlecal.cli.plain_flags import CAMERA_AND_FIELD, OUTPUT
 from circlecal.cli.sport_hints import SportHints
 
 if TYPE_CHECKING:
@@ -40,7 +41,12 @@ def batch(
     ],
     out: Annotated[
         Path,
-        typer.Option("--out", "-o", help="Folder of the run; take another one for results of circlecal calibrate."),
+        typer.Option(
+            "--out",
+            "-o",
+            help="Folder of the run; take another one for results of circlecal calibrate.",
+            rich_help_panel=OUTPUT,
+        ),
     ] = Path("circlecal-run"),
     workers: options.Workers = None,
     every: options.Every = None,
@@ -48,15 +54,21 @@ def batch(
     end: options.End = None,
     scheduler: options.Scheduler = None,
     files: Annotated[
-        bool, typer.Option("--files", help="Also write a result file and pictures per frame, like calibrate.")
+        bool,
+        typer.Option(
+            "--files",
+            help="Also write a result file and pictures per frame, like calibrate.",
+            rich_help_panel=OUTPUT,
+        ),
     ] = False,
-    restart: Annotated[bool, typer.Option("--restart", help="Start over instead of going on.")] = False,
+    restart: options.Restart = False,
     rig: Annotated[
         bool,
         typer.Option(
             "--rig",
             help="Afterwards calibrate all frames again with what the frames of each camera share; results go to "
             "OUT/rig.",
+            rich_help_panel=CAMERA_AND_FIELD,
         ),
     ] = False,
     mask: options.Mask = None,
@@ -65,14 +77,7 @@ def batch(
     from_format: options.FromFormat = None,
     size: options.Size = None,
     convention: options.PointConvention = None,
-    to: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--to",
-            metavar="FORMAT",
-            help=f"Also write all frames in this format; repeatable: {options.TARGETS}, parquet.",
-        ),
-    ] = None,
+    to: options.ToAll = None,
     eval_size: options.EvalSize = None,
     config: options.ConfigFile = None,
     settings: options.Settings = None,
@@ -85,7 +90,7 @@ def batch(
     max_bytes: options.MaxBytes = None,
     radar: options.Radar = False,
     no_overlay: options.NoOverlay = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the counts as JSON.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the counts as JSON.", rich_help_panel=OUTPUT)] = False,
     quiet: options.Quiet = False,
     verbose: options.Verbose = False,
 ) -> None:

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Literal, overload
 
 import typer
 
+from circlecal.cli.plain_flags import CAMERA_AND_FIELD, INPUT, OUTPUT, RUNNING
+
 if TYPE_CHECKING:
     from circlecal.config import Config
     from circlecal.formats.exports import Exports
@@ -73,7 +75,12 @@ FrameInputs = Annotated[
 ]
 Keypoints = Annotated[
     Path | None,
-    typer.Option("--keypoints", metavar="FILE|FOLDER", help="Keypoints and lines used together with the pictures."),
+    typer.Option(
+        "--keypoints",
+        metavar="FILE|FOLDER",
+        help="Keypoints and lines used together with the pictures.",
+        rich_help_panel=INPUT,
+    ),
 ]
 Annotations = Annotated[
     Path | None,
@@ -82,6 +89,7 @@ Annotations = Annotated[
         metavar="FOLDER",
         callback=_require_folder,
         help="What was named in circlecal annotate. (default: OUT/annotations, and x.json beside x.jpg)",
+        rich_help_panel=INPUT,
     ),
 ]
 ClipAnnotations = Annotated[
@@ -91,6 +99,7 @@ ClipAnnotations = Annotated[
         metavar="FOLDER",
         callback=_require_folder,
         help="What was named in circlecal annotate. (default: OUT/annotations)",
+        rich_help_panel=INPUT,
     ),
 ]
 PointConvention = Annotated[
@@ -99,15 +108,32 @@ PointConvention = Annotated[
         "--convention",
         help="Points of annotation files lie at the sizes of the rules, or on the middle of the paint. "
         "(default: official)",
+        rich_help_panel=INPUT,
     ),
 ]
 To = Annotated[
     list[str] | None,
-    typer.Option("--to", metavar="FORMAT", help=f"Also write the calibration in this format; repeatable: {TARGETS}."),
+    typer.Option(
+        "--to",
+        metavar="FORMAT",
+        help=f"Also write the calibration in this format; repeatable: {TARGETS}.",
+        rich_help_panel=OUTPUT,
+    ),
+]
+ToAll = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--to",
+        metavar="FORMAT",
+        help=f"Also write all frames in this format; repeatable: {TARGETS}, parquet.",
+        rich_help_panel=OUTPUT,
+    ),
 ]
 EvalSize = Annotated[
     str | None,
-    typer.Option("--eval-size", metavar="WIDTHxHEIGHT", help="Picture size of cameras written by --to."),
+    typer.Option(
+        "--eval-size", metavar="WIDTHxHEIGHT", help="Picture size of cameras written by --to.", rich_help_panel=OUTPUT
+    ),
 ]
 FromFormat = Annotated[
     str | None,
@@ -115,27 +141,41 @@ FromFormat = Annotated[
         "--from",
         metavar="FORMAT",
         help=f"Format of annotation files: {_ANNOTATIONS}. (default: recognised by content)",
+        rich_help_panel=INPUT,
     ),
 ]
 Size = Annotated[
     str | None,
-    typer.Option("--size", metavar="WIDTHxHEIGHT", help="Size of the pictures, where an annotation file has none."),
+    typer.Option(
+        "--size",
+        metavar="WIDTHxHEIGHT",
+        help="Size of the pictures, where an annotation file has none.",
+        rich_help_panel=INPUT,
+    ),
 ]
-Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for everything that is written.")]
+Out = Annotated[
+    Path, typer.Option("--out", "-o", help="Folder for everything that is written.", rich_help_panel=OUTPUT)
+]
 Every = Annotated[
     str | None,
     typer.Option(
         "--every",
         metavar="TIME|N",
         help="Take one frame per TIME (1s, 500ms), or every N-th frame, of a video. (default: 1s)",
+        rich_help_panel=INPUT,
     ),
 ]
 Start = Annotated[
     str | None,
-    typer.Option("--start", metavar="TIME", help="Take a video from here on: seconds, MM:SS or H:MM:SS."),
+    typer.Option(
+        "--start", metavar="TIME", help="Take a video from here on: seconds, MM:SS or H:MM:SS.", rich_help_panel=INPUT
+    ),
 ]
 End = Annotated[
-    str | None, typer.Option("--end", metavar="TIME", help="Take a video up to here: seconds, MM:SS or H:MM:SS.")
+    str | None,
+    typer.Option(
+        "--end", metavar="TIME", help="Take a video up to here: seconds, MM:SS or H:MM:SS.", rich_help_panel=INPUT
+    ),
 ]
 Mask = Annotated[
     Path | None,
@@ -144,6 +184,7 @@ Mask = Annotated[
         metavar="FILE|FOLDER",
         help="Segmentation mask, or folder of masks named like the frames. (default: x.mask.png or masks/x.png "
         "beside x.jpg)",
+        rich_help_panel=INPUT,
     ),
 ]
 ConfigFile = Annotated[
@@ -154,12 +195,19 @@ ConfigFile = Annotated[
         metavar="FILE|NAME",
         help="YAML file, or a name such as broadcast; over the options of the field's sport.",
         autocompletion=complete_config,
+        rich_help_panel=CAMERA_AND_FIELD,
     ),
 ]
 Settings = Annotated[
-    list[str] | None, typer.Option("--set", "-s", metavar="KEY=VALUE", help="Set section.key=value; repeatable.")
+    list[str] | None,
+    typer.Option(
+        "--set", "-s", metavar="KEY=VALUE", help="Set section.key=value; repeatable.", rich_help_panel=CAMERA_AND_FIELD
+    ),
 ]
-Workers = Annotated[int | None, typer.Option("--workers", "-w", min=1, help="Worker processes. (default: one per CPU)")]
+Workers = Annotated[
+    int | None,
+    typer.Option("--workers", "-w", min=1, help="Worker processes. (default: one per CPU)", rich_help_panel=RUNNING),
+]
 FieldName = Annotated[
     str | None,
     typer.Option(
@@ -167,6 +215,7 @@ FieldName = Annotated[
         metavar="NAME|FILE",
         help="Field template; see circlecal fields. auto: the one that the picture shows. (default: soccer)",
         autocompletion=complete_field_or_auto,
+        rich_help_panel=CAMERA_AND_FIELD,
     ),
 ]
 OneFieldName = Annotated[
@@ -176,20 +225,36 @@ OneFieldName = Annotated[
         metavar="NAME|FILE",
         help="Field template; see circlecal fields. (default: soccer)",
         autocompletion=complete_field,
+        rich_help_panel=CAMERA_AND_FIELD,
     ),
 ]
 """For commands that must know the field before they see a picture."""
 CameraPrior = Annotated[
     Path | None,
-    typer.Option("--camera-prior", metavar="FILE", help="Known camera: a prior file, or the result of another frame."),
+    typer.Option(
+        "--camera-prior",
+        metavar="FILE",
+        help="Known camera: a prior file, or the result of another frame.",
+        rich_help_panel=CAMERA_AND_FIELD,
+    ),
 ]
 VenueFile = Annotated[
     Path | None,
-    typer.Option("--venue", metavar="FILE", help="Known cameras, field and pitch: the venue.yaml of an earlier run."),
+    typer.Option(
+        "--venue",
+        metavar="FILE",
+        help="Known cameras, field and pitch: the venue.yaml of an earlier run.",
+        rich_help_panel=CAMERA_AND_FIELD,
+    ),
 ]
 Scheduler = Annotated[
     str | None,
-    typer.Option("--scheduler", metavar="tcp://HOST:PORT|local:N", help="Run on this Dask cluster instead."),
+    typer.Option(
+        "--scheduler",
+        metavar="tcp://HOST:PORT|local:N",
+        help="Run on this Dask cluster instead.",
+        rich_help_panel=RUNNING,
+    ),
 ]
 Solver = Annotated[
     str | None,
@@ -199,6 +264,7 @@ Solver = Annotated[
         help="A published method instead of circlecal's camera: great_axis, footyvision, magera_case1, magera_case2, "
         "magera_case3, alvarez_caselles, gupta, chum_matas, chen_wu, huang_self_polar, tvcalib_like, pnl_like; or "
         "circlecal's own as a peer of these: circlecal, circlecal_default.",
+        rich_help_panel=CAMERA_AND_FIELD,
     ),
 ]
 
@@ -224,6 +290,7 @@ MaxPixels = Annotated[
         metavar="PIXELS",
         parser=_parse_pixels,
         help="Largest picture that is read, width times height. (default: 50 million)",
+        rich_help_panel=INPUT,
     ),
 ]
 MaxBytes = Annotated[
@@ -233,16 +300,24 @@ MaxBytes = Annotated[
         metavar="BYTES",
         parser=_parse_bytes,
         help="Largest picture file that is read, in bytes. (default: 256 MB)",
+        rich_help_panel=INPUT,
     ),
 ]
-Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Seed of the random draws. (default: 0)")]
-Radar = Annotated[bool, typer.Option("--radar", help="Also write the frame warped to the field plane.")]
-NoOverlay = Annotated[bool, typer.Option("--no-overlay", help="Do not write overlay pictures.")]
-Json = Annotated[bool, typer.Option("--json", help="Print results as JSON, one line each.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
-QuietNotes = Annotated[bool, typer.Option("--quiet", "-q", help="Leave out notes and warnings.")]
+Restart = Annotated[bool, typer.Option("--restart", help="Start over instead of going on.", rich_help_panel=RUNNING)]
+Seed = Annotated[
+    int | None, typer.Option("--seed", min=0, help="Seed of the random draws. (default: 0)", rich_help_panel=RUNNING)
+]
+Radar = Annotated[
+    bool, typer.Option("--radar", help="Also write the frame warped to the field plane.", rich_help_panel=OUTPUT)
+]
+NoOverlay = Annotated[bool, typer.Option("--no-overlay", help="Do not write overlay pictures.", rich_help_panel=OUTPUT)]
+Json = Annotated[bool, typer.Option("--json", help="Print results as JSON, one line each.", rich_help_panel=OUTPUT)]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.", rich_help_panel=RUNNING)]
+QuietNotes = Annotated[
+    bool, typer.Option("--quiet", "-q", help="Leave out notes and warnings.", rich_help_panel=RUNNING)
+]
 """For commands whose output is all that they are for."""
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Log what is done.")]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Log what is done.", rich_help_panel=RUNNING)]
 
 
 def cpu_count() -> int:

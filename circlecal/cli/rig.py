@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from circlecal.cli import options
+from circlecal.cli.plain_flags import INPUT, OUTPUT
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -25,17 +26,24 @@ def rig(
     out: options.Out = Path("circlecal-rig"),
     cameras: Annotated[
         Path | None,
-        typer.Option("--cameras", metavar="FILE", help="CSV with id,camera. (default: by where the cameras stand)"),
+        typer.Option(
+            "--cameras",
+            metavar="FILE",
+            help="CSV with id,camera. (default: by where the cameras stand)",
+            rich_help_panel=INPUT,
+        ),
     ] = None,
     mask: options.Mask = None,
     convention: options.PointConvention = None,
     workers: options.Workers = None,
-    restart: Annotated[bool, typer.Option("--restart", help="Start over instead of going on.")] = False,
+    restart: options.Restart = False,
     config: options.ConfigFile = None,
     settings: options.Settings = None,
     field: options.OneFieldName = None,
     seed: options.Seed = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the cameras and counts as JSON.")] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the cameras and counts as JSON.", rich_help_panel=OUTPUT)
+    ] = False,
     quiet: options.Quiet = False,
     verbose: options.Verbose = False,
 ) -> None:

@@ -11,6 +11,7 @@ import typer
 
 from circlecal.cli import options
 from circlecal.cli.inputs import choose_videos, note_idle_options, note_late_start
+from circlecal.cli.plain_flags import INPUT, OUTPUT
 from circlecal.cli.sport_hints import SportHints
 
 if TYPE_CHECKING:
@@ -32,32 +33,33 @@ def track(
             metavar="TIME|N",
             help="Answer one frame per TIME (1s, 500ms), or every N-th frame; all are followed. (default: 1, every "
             "frame)",
+            rich_help_panel=INPUT,
         ),
     ] = None,
     start: options.Start = None,
     end: options.End = None,
     scheduler: options.Scheduler = None,
-    restart: Annotated[bool, typer.Option("--restart", help="Start over instead of going on.")] = False,
+    restart: options.Restart = False,
     venue: options.VenueFile = None,
     annotations: options.ClipAnnotations = None,
-    video: Annotated[bool, typer.Option("--video", help="Also write overlay.mp4.")] = False,
+    video: Annotated[bool, typer.Option("--video", help="Also write overlay.mp4.", rich_help_panel=OUTPUT)] = False,
     full: Annotated[
-        bool, typer.Option("--full", help="Write covariance matrices, derived points and checks of every frame too.")
-    ] = False,
-    to: Annotated[
-        list[str] | None,
+        bool,
         typer.Option(
-            "--to",
-            metavar="FORMAT",
-            help=f"Also write all frames in this format; repeatable: {options.TARGETS}, parquet.",
+            "--full",
+            help="Write covariance matrices, derived points and checks of every frame too.",
+            rich_help_panel=OUTPUT,
         ),
-    ] = None,
+    ] = False,
+    to: options.ToAll = None,
     eval_size: options.EvalSize = None,
     config: options.ConfigFile = None,
     settings: options.Settings = None,
     field: options.FieldName = None,
     seed: options.Seed = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the counts and cameras as JSON.")] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the counts and cameras as JSON.", rich_help_panel=OUTPUT)
+    ] = False,
     quiet: options.Quiet = False,
     verbose: options.Verbose = False,
 ) -> None:

@@ -99,6 +99,22 @@ def test_every_command_is_in_the_readme(command):
     assert f"circlecal {command}" in readme.read_text()
 
 
+@pytest.mark.parametrize("command", ["calibrate", "batch", "track", "rig", "annotate"])
+def test_many_options_stand_in_named_groups(run_circlecal, command):
+    text = run_circlecal(command, "--help").out
+    titles = re.findall(r"^╭─ ([^─]+) ─", text, flags=re.MULTILINE)
+    assert titles == ["Arguments", "Input", "Camera and field", "Output", "Running"]
+    _, camera, output, running = re.split(r"╭─ (?:Camera and field|Output|Running) ─", text)
+    assert "--config" in camera
+    assert "--out" in output
+    assert "--quiet" in running and "--help" in running
+
+
+def test_few_options_stand_in_one_group(run_circlecal):
+    titles = re.findall(r"^╭─ ([^─]+) ─", run_circlecal("convert", "--help").out, flags=re.MULTILINE)
+    assert titles == ["Arguments", "Options"]
+
+
 def test_the_help_says_how_to_begin_and_what_the_exit_codes_are(run_circlecal):
     told = " ".join(run_circlecal("--help").out.split())
     assert "To begin: circlecal calibrate PICTURE" in told
