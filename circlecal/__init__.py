@@ -27,9 +27,9 @@ To files, and to other programs:
 
 Pixels count from the centre of the top-left one. Field points are metres from the centre mark: x to the right along the
 length, y towards the main camera, z down. :func:`calibrate_points` needs clicked points and no picture,
-:func:`calibrate_video` and :func:`track` go through videos, :func:`load` opens results, :func:`load_cameras` what is
-known of the cameras, :func:`export` writes several
-frames for another program.
+:func:`calibrate_video` and :func:`track` go through videos, :func:`calibrate_batch` calibrates many frames into a
+folder, :func:`calibrate_rig` again with what those of each camera share, :func:`load` opens results,
+:func:`load_cameras` what is known of the cameras, :func:`export` writes several frames for another program.
 """
 
 from __future__ import annotations
@@ -50,7 +50,9 @@ __all__ = [
     "ViewTransformer",
     "__version__",
     "calibrate",
+    "calibrate_batch",
     "calibrate_points",
+    "calibrate_rig",
     "calibrate_video",
     "export",
     "load",
@@ -71,9 +73,10 @@ if TYPE_CHECKING:
         export,
         load,
     )
+    from circlecal.batch.calls import calibrate_batch
     from circlecal.config import Config, load_config
     from circlecal.errors import CirclecalError, ConfigError, InputError, MissingExtraError
-    from circlecal.rig.calls import load_cameras
+    from circlecal.rig.calls import calibrate_rig, load_cameras
     from circlecal.tracking.calls import track
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
@@ -85,7 +88,8 @@ _HOMES = {
     **dict.fromkeys(("Config", "load_config"), "circlecal.config"),
     **dict.fromkeys(("Calibration", "Run", "SurePoints", "ViewTransformer", "load"), "circlecal.api"),
     **dict.fromkeys(("calibrate", "calibrate_points", "calibrate_video", "export"), "circlecal.api"),
-    "load_cameras": "circlecal.rig.calls",
+    "calibrate_batch": "circlecal.batch.calls",
+    **dict.fromkeys(("calibrate_rig", "load_cameras"), "circlecal.rig.calls"),
     "track": "circlecal.tracking.calls",
 }
 

@@ -36,17 +36,19 @@ def test_commands_run_in_order(tmp_path, monkeypatch, run_circlecal, in_this_pro
     assert not kept, "git would list what the commands write"
 
 
-def test_python_examples_run(tmp_path, monkeypatch, capsys):
+def test_python_examples_run(in_this_process, tmp_path, monkeypatch, capsys):
     examples = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
     shutil.copytree(ROOT / "samples", tmp_path / "samples")
     monkeypatch.chdir(tmp_path)
-    known = {}
+    known = {"__name__": "__main__"}
     for example in examples:
         exec(compile(example, "README.md", "exec"), known)  # the example itself
     assert len(examples) > 1
     told = re.search(r"print\(frame\)  # (.*)", README)[1]
     assert capsys.readouterr().out == f"{told}\n"
     assert known["frame"].ok and known["clicked"].ok
+    assert known["run"].ids == known["again"].ids == ["full_circle"]
+    assert known["run"]["full_circle"].ok
 
 
 def test_the_scale_of_sigma_is_that_of_the_overlays():

@@ -32,6 +32,11 @@ class WorkersError(CirclecalError):
     """Worker processes die, and it is not the frames that they die on."""
 
 
+def cpu_count() -> int:
+    """Processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def finish_on_workers(frames: Iterator[F], task: Task[F], workers: int) -> Generator[Finished]:
     """Frames in the order in which they are finished; frames whose worker died are tried once more, each alone.
 

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import json
-from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from functools import partial
-from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from circlecal.cli import options
-from circlecal.cli.inputs import choose_frames_and_videos, note_idle_options, note_late_start, require_frames
+from circlecal.cli.inputs import note_idle_options, note_late_start
 from circlecal.cli.plain_flags import CAMERA_AND_FIELD, OUTPUT
 from circlecal.cli.sport_hints import SportHints
 
@@ -22,9 +20,9 @@ if TYPE_CHECKING:
 
     from circlecal.batch import BatchProgress
     from circlecal.batch.frames import FrameRun
+    from circlecal.batch.inputs import Work
     from circlecal.formats.inputs import FrameOfFile
     from circlecal.pictures.files import PictureFile
-    from circlecal.pictures.video import Sampling, Video
 
 
 _TOLD = 3
@@ -96,6 +94,7 @@ def batch(
 ) -> None:
     """Calibrate many frames in parallel into results.jsonl and summary.csv; run it again to go on after a stop."""
     from circlecal.batch.frames import FrameRun
+    from circlecal.batch.inputs import choose_work
     from circlecal.cli import console
     from circlecal.cli.rig import RIG_FOLDER, estimate_shared_cameras
     from circlecal.config import absolute_files
@@ -133,7 +132,10 @@ def batch(
         convention=options.convention_of(convention),
     )
     failures: list[Exception] = []
-    work = _choose_work(inputs, run, out, every, start, end, failures)
+    work = choose_work(
+        inputs, run, out, (every, start, end), console.error_reporter(failures), console.print_note, dashes="--"
+    )
+    note_late_start(work.videos, work.sampling)
     if not quiet:
         note_idle_options(work.frames, size, convention, to, eval_size)
     out = options.folder_of_run(out, run.digest, ask=console.can_ask() and not quiet, restart=restart)
@@ -164,51 +166,12 @@ def batch(
         raise typer.Exit(1)
 
 
-@dataclass(frozen=True, slots=True)
-class _Work:
-    """What a run calibrates: frames of pictures and annotation files, and videos with what is taken of them."""
-
-    frames: Sequence[PictureFile | FrameOfFile]
-    videos: Sequence[Video]
-    sampling: Sampling
-
-
 def _absolute(path: Path | None) -> Path | None:
     return None if path is None else path.absolute()
 
 
-def _choose_work(
-    inputs: Sequence[str],
-    run: FrameRun,
-    out: Path,
-    every: str | None,
-    start: str | None,
-    end: str | None,
-    failures: list[Exception],
-) -> _Work:
-    """What the inputs name; those that cannot be read are reported and added to the failures.
-
-    Raises
-    ------
-    InputError
-        Nothing to calibrate, or times are given without a video.
-    """
-    from circlecal.cli import console
-    from circlecal.errors import InputError
-    from circlecal.pictures.video import DEFAULT_EVERY, Sampling
-
-    frames, videos = choose_frames_and_videos(inputs, run, out, console.error_reporter(failures))
-    if not videos and not failures:
-        require_frames(inputs, frames)
-    sampling = Sampling.parse(every or DEFAULT_EVERY, start, end, dashes="--")
-    if not videos and (every or start or end):
-        raise InputError("--every, --start and --end choose frames of videos, and no video is given")
-    note_late_start(videos, sampling)
-    return _Work(frames, videos, sampling)
-
-
 def _calibrate(
-    work: _Work,
+    work: Work,
     run: FrameRun,
     out: Path,
     *,
@@ -220,48 +183,25 @@ def _calibrate(
     """Calibrate all frames, those of videos after the others, while the progress is shown."""
     from circlecal.batch import run_batch
     from circlecal.batch.frames import label_masks
+    from circlecal.batch.inputs import digest_annotations_of
+    from circlecal.batch.workers import cpu_count
     from circlecal.cli import console
     from circlecal.records.log import RESULTS_NAME
 
     is_taken_up = not restart and (out / RESULTS_NAME).is_file()
-    moments = (frame for video in work.videos for frame in video.frames(work.sampling, console.print_note))
     with console.resumable(restart=restart), console.progress_display(quiet=quiet) as show:
         return run_batch(
-            chain(work.frames, moments),
+            work.all_frames(console.print_note),
             run,
             out,
-            workers=workers or options.cpu_count(),
+            workers=workers or cpu_count(),
             scheduler=scheduler,
-            total=len(work.frames) + sum(video.estimate_count(work.sampling) for video in work.videos),
+            total=work.total,
             restart=restart,
-            annotations=_digest_annotations(work, run.annotations, out),
+            annotations=digest_annotations_of(work, run.annotations, out),
             masks=label_masks(work.frames) if is_taken_up and run.mask is None else None,
             on_progress=show,
         )
-
-
-def _digest_annotations(work: _Work, folder: Path | None, out: Path) -> dict[str, str | None]:
-    """Digest of what people said of each frame that the inputs name, by its id; None where nobody did. Of the frames of
-    videos, which are not decoded yet, those are told of which somebody says something, or did in an earlier start.
-    """
-    from circlecal.errors import InputError
-    from circlecal.formats.annotation import digest_annotations, find_annotation
-    from circlecal.pictures.files import PictureFile
-    from circlecal.pictures.video import clip_of
-    from circlecal.records.log import RESULTS_NAME, read_records
-    from circlecal.records.record import ResultRow
-
-    clips = {video.name for video in work.videos}
-    before = read_records(out, ResultRow) if clips and (out / RESULTS_NAME).is_file() else ()
-    told: dict[str, str | None] = {row.id: None for row in before if row.annotation and clip_of(row.id) in clips}
-    named = digest_annotations(folder, on_error=lambda _: None)  # a damaged one is told with its frame
-    told |= {name: digest for name, digest in named.items() if clip_of(name) in clips}
-    for frame in work.frames:
-        if isinstance(frame, PictureFile):
-            with suppress(InputError):  # likewise
-                stored = find_annotation(folder, frame.id, frame.path if frame.url is None else None)
-                told[frame.id] = None if stored is None else stored.digest
-    return told
 
 
 def _write_further(

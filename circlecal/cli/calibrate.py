@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from circlecal.cli import options
-from circlecal.cli.inputs import choose_inputs, note_idle_options, require_frames
+from circlecal.cli.inputs import choose_inputs, note_idle_options
 from circlecal.cli.sport_hints import SportHints
 
 if TYPE_CHECKING:
@@ -51,6 +51,7 @@ def calibrate(
 ) -> None:
     """Calibrate pictures or annotations: write a result file and an overlay picture of each, and print a table."""
     from circlecal.batch.frames import FrameRun
+    from circlecal.batch.inputs import require_frames
     from circlecal.cli import console
     from circlecal.files import prepare_folder
     from circlecal.formats.annotation import ANNOTATION_FOLDER

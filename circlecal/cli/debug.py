@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from circlecal.cli import options
-from circlecal.cli.inputs import choose_frames, leave_to_batch
+from circlecal.cli.inputs import leave_to_batch
 
 
 def debug(
@@ -30,6 +30,7 @@ def debug(
 ) -> None:
     """Write one numbered picture per stage and a contact sheet of them all, for a refused picture too."""
     from circlecal.batch.frames import examine_frame, write_stage_pictures
+    from circlecal.batch.inputs import choose_frames
     from circlecal.cli import console
     from circlecal.errors import InputError
     from circlecal.files import is_folder, prepare_folder

@@ -77,6 +77,7 @@ def estimate_shared_cameras(
     outdated: bool = False,
 ) -> RigReport:
     """Run the rig on the results of a run, and print what it brought; ``outdated`` results in its folder may go."""
+    from circlecal.batch.workers import cpu_count
     from circlecal.cli import console
     from circlecal.records.log import OtherRunError
     from circlecal.rig.run import run_rig
@@ -87,7 +88,7 @@ def estimate_shared_cameras(
                 results,
                 run.config,
                 out,
-                workers=workers or options.cpu_count(),
+                workers=workers or cpu_count(),
                 cameras=cameras,
                 mask=run.mask,
                 convention=run.convention,

@@ -64,6 +64,7 @@ def track(
     verbose: options.Verbose = False,
 ) -> None:
     """Find the camera of every frame of a clip, from its tripod; run it again to go on after a stop."""
+    from circlecal.batch.workers import cpu_count
     from circlecal.cli import console
     from circlecal.config import AUTO, absolute_files, load_config
     from circlecal.formats.annotation import ANNOTATION_FOLDER
@@ -107,7 +108,7 @@ def track(
                 videos,
                 run,
                 out,
-                workers=workers or options.cpu_count(),
+                workers=workers or cpu_count(),
                 scheduler=scheduler,
                 restart=restart,
                 on_progress=show,

@@ -1,5 +1,7 @@
 """A court of another league than the one that was named."""
 
+from importlib import import_module
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from circlecal.detection.ridges import RidgePoints
 from circlecal.field import load_field
 from circlecal.field.view import FieldView
 from circlecal.observations import MarkingKey
-from circlecal.pipeline import calibrate_image, other_fields, run
+from circlecal.pipeline import calibrate_image, other_fields
 from circlecal.pipeline.other_fields import FIELD_RATIO, has_leagues, refuse_other_field
 from circlecal.placement import Outlines, SeenPaint, SurfaceRidges, ViewEvidence, lay_over_view
 from circlecal.placement.paint_maps import _map_ridges
@@ -35,7 +37,7 @@ def judged():
         return given[-1]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run, "refuse_other_field", keep)
+        patch.setattr(import_module("circlecal.pipeline.run"), "refuse_other_field", keep)
         calibrate_court("basketball-nba", 4)
     ((setting, scene, attempt),) = kept
     assert attempt.is_calibrated
