@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 def annotate(
     inputs: Annotated[
         list[str],
-        typer.Argument(metavar="INPUT", help="A folder of circlecal batch, pictures, folders of them, videos."),
+        typer.Argument(metavar="INPUT", help="A folder of circlecal batch, pictures, folders or ZIPs of them, videos."),
     ],
     out: Annotated[
         Path | None,
@@ -54,7 +54,7 @@ def annotate(
         typer.Option(
             "--part",
             metavar="K/N",
-            help="Only the K-th of N equal parts, for one of several people.",
+            help="Only the K-th of N parts, for one of several people.",
             rich_help_panel=INPUT,
         ),
     ] = None,
@@ -80,7 +80,7 @@ def annotate(
     from circlecal.files import exists, is_folder
     from circlecal.formats.annotation import ANNOTATION_FOLDER
     from circlecal.report.pages import tell_workbench
-    from circlecal.workbench.frames import find_venue, is_run, list_frames, take_part
+    from circlecal.workbench.frames import UNPACKED_FOLDER, find_venue, is_run, list_frames, take_part, unpack_inputs
     from circlecal.workbench.session import Session
     from circlecal.workbench.store import AnnotationStore
 
@@ -105,10 +105,11 @@ def annotate(
 
     chosen = _suit_runs(runs, field, choose, knows_venue=of_run is not None, quiet=quiet)
     sampling = Sampling.parse(every or DEFAULT_EVERY, dashes="--")
-    frames = take_part(list_frames(inputs, sampling, chosen.limits), part)
     folder = out or (runs[0] / ANNOTATION_FOLDER if runs else Path("circlecal-annotations"))
     if exists(folder) and not is_folder(folder):
         raise InputError(f"{folder}: is a file, not a folder; choose another --out")
+    given = unpack_inputs(inputs, folder / UNPACKED_FOLDER)
+    frames = take_part(list_frames(given, sampling, chosen.limits), part)
     session = Session(frames, AnnotationStore(folder), chosen)
 
     if frame is not None and all(frame != listed.file.id for listed in frames):
@@ -133,7 +134,7 @@ def annotate(
             typer.launch(address)
 
     try:
-        serve(session, port, tell)
+        serve(session, port, tell, part)
     finally:
         for run, address in product(runs, served):
             with contextlib.suppress(InputError):  # it was told before that it cannot be written

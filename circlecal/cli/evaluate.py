@@ -13,6 +13,7 @@ import typer
 from circlecal.cli import options
 
 if TYPE_CHECKING:
+    from circlecal.evaluation.agreement import Agreement
     from circlecal.evaluation.report import MethodReport, TruthReport
 
 OFFICIAL_SIZE = "960x540"
@@ -24,7 +25,8 @@ def evaluate(
         Path,
         typer.Argument(
             metavar="GT",
-            help="Folder of SoccerNet line annotations, or of true cameras: all that PRED may be, and truth of synth.",
+            help="Folder of SoccerNet line annotations, or of true cameras: all that PRED may be, and truth of synth; "
+            "or annotations of circlecal annotate, compared with another person's in PRED.",
         ),
     ],
     predictions: Annotated[
@@ -59,13 +61,18 @@ def evaluate(
     quiet: options.QuietNotes = False,
     verbose: options.Verbose = False,
 ) -> None:
-    """Score cameras with the official SoccerNet metric, or against true cameras with the WorldCup metrics."""
+    """Score cameras with the official SoccerNet or the WorldCup metrics, or compare what two people annotated."""
     from circlecal.cli import console
+    from circlecal.config import load_config
     from circlecal.errors import InputError
+    from circlecal.evaluation.agreement import compare_annotations, holds_annotations
     from circlecal.evaluation.reading import holds_cameras
     from circlecal.evaluation.report import as_record, evaluate_annotations, evaluate_truth
 
     console.configure_logging(quiet=quiet, verbose=verbose)
+    if holds_annotations(truth) and holds_annotations(predictions):
+        print_agreement(compare_annotations(truth, predictions, load_config()), as_json=as_json)
+        return
     methods = _methods(predictions, compare or [])
     chosen, given = options.parse_size(size), options.parse_size(pred_size, "--pred-size")
     if not math.isfinite(threshold):
@@ -132,6 +139,45 @@ def _require_answers(
         raise InputError(silent[0])
     for told in () if quiet else silent:
         console.print_note(told)
+
+
+def print_agreement(found: Agreement, *, as_json: bool = False) -> None:
+    """Print what two people annotated alike and differently: one row per frame, the worst first, and per marking."""
+    from circlecal.cli import console
+    from circlecal.evaluation.agreement import REFERENCE_WIDTH_PX, list_differences
+
+    if as_json:
+        console.print_json(json.dumps(found.as_record()))
+        return
+    columns = ["frame", "first", "second", "markings", "median px", "camera px", "camera, largest", "says differently"]
+    rows = []
+    for frame in found.frames:
+        both, only = len(frame.lines_px), len(frame.only_first) + len(frame.only_second)
+        cameras = [_known(frame.camera_px), _known(frame.camera_largest_px)]
+        refused = [who for who, good in zip(("first", "second"), frame.calibrated, strict=True) if not good]
+        told = [*list_differences(frame), *(f"no camera from the {who}" for who in refused)]
+        authors = [author or "-" for author in frame.authors]
+        marked = f"{both} of both, {only} of one"
+        rows.append([frame.id, *authors, marked, _known(frame.median_px), *cameras, "; ".join(told) or "-"])
+    title = f"Agreement in {len(rows)} frames, pixels at {REFERENCE_WIDTH_PX:.0f} px width"
+    console.print_table(title, columns, rows)
+    lines = [
+        [
+            row.name.replace("_", " "), str(row.frames), _known(row.median_px), _known(row.largest_px),
+            str(row.only_first), str(row.only_second),
+        ]
+        for row in found.rows()
+    ]  # fmt: skip
+    columns = ["marking", "frames", "median px", "largest px", "only first", "only second"]
+    console.print_table("Markings that were named", columns, lines)
+    for who, missing in (("first", found.only_first), ("second", found.only_second)):
+        if missing:
+            more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
+            console.print_note(f"annotated in the {who} folder only: {missing[0]}{more}")
+
+
+def _known(value: float | None) -> str:
+    return "-" if value is None else figure(value)
 
 
 def print_methods(title: str, reports: Sequence[MethodReport], threshold: float) -> None:

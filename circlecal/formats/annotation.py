@@ -118,9 +118,10 @@ class Annotation(FileModel):
     """Everything that is known of one frame.
 
     ``revision`` counts the changes; ``settings`` are options for this frame (:data:`SETTINGS`); ``touched`` says
-    whether a person has changed anything; ``pixel_aspect`` is the width of a pixel over its height. ``circle`` is the
-    one from which the picture was calibrated, where it is another than the field's usual one, and ``placed`` says
-    whether all that is painted decided which marking is which.
+    whether a person has changed anything, or ``confirmed`` that the template lies on the paint; ``author`` and
+    ``changed_at`` (ISO 8601, UTC) are of the last change. ``pixel_aspect`` is the width of a pixel over its height.
+    ``circle`` is the one from which the picture was calibrated, where it is another than the field's usual one, and
+    ``placed`` says whether all that is painted decided which marking is which.
     """
 
     annotation_version: Literal[1] = 1
@@ -135,6 +136,9 @@ class Annotation(FileModel):
     placed: bool = False
     revision: Annotated[int, Field(ge=0)] = 0
     touched: bool = False
+    confirmed: bool = False
+    author: Annotated[str, Field(max_length=100)] = ""
+    changed_at: Annotated[str, Field(max_length=40)] | None = None
     flag: Flag | None = None
     note: Annotated[str, Field(max_length=10_000)] = ""
     settings: dict[str, float | str] = Field({})
@@ -147,6 +151,11 @@ class Annotation(FileModel):
         if unknown:
             raise ValueError(f"{unknown[0]} cannot be set for one frame; known: {', '.join(SETTINGS)}")
         return given
+
+    def says_what(self, other: Self) -> bool:
+        """Whether it says of its frame what another one says, whoever said it and when."""
+        ours, theirs = ((a.markings, a.note, a.flag, a.settings) for a in (self, other))
+        return ours == theirs
 
     def is_of_another(self, picture: Path) -> bool:
         """Whether its ``source`` is another file than a picture, which is still there and of other content."""

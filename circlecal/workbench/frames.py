@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,15 +14,20 @@ from numpy.typing import NDArray
 
 from circlecal.errors import InputError
 from circlecal.files import exists, is_file, real_path, require_input
-from circlecal.pictures.files import PictureFile, find_frames, read_image
-from circlecal.pictures.inputs import expand_inputs
+from circlecal.names import as_stem
+from circlecal.pictures.files import PICTURE_SUFFIXES, PictureFile, find_frames, read_image
+from circlecal.pictures.inputs import VIDEO_SUFFIXES, expand_inputs
 from circlecal.pictures.limits import LimitsConfig
 from circlecal.pictures.remote import is_url
 from circlecal.pictures.video import Sampling, Video, pictures_at
 from circlecal.records.log import RESULTS_NAME, read_records
 from circlecal.records.record import ResultRow
 from circlecal.rig.venue import VENUE_NAME, read_venue_file
+from circlecal.workbench.archives import SUFFIX, unpack
 
+UNPACKED_FOLDER = "frames"
+"""In the folder of annotations: pictures of archives."""
+FRAME_SUFFIXES = frozenset({*PICTURE_SUFFIXES, *VIDEO_SUFFIXES})
 DOUBTFUL_PX = 15.0
 """A calibrated frame whose largest predicted error is more, pixels at 1920 px width, is worth a click."""
 State = Literal["refused", "doubtful", "calibrated", "unknown"]
@@ -170,10 +176,39 @@ def _take_once(frames: Sequence[ListedFrame]) -> list[ListedFrame]:
     return list(found.values())
 
 
-def take_part(frames: list[ListedFrame], part: str | None) -> list[ListedFrame]:
-    """The frames of one of several people: of ``"2/4"`` every fourth one, from the second on; all where None.
+def unpack_inputs(inputs: Sequence[str], folder: Path) -> list[str]:
+    """The inputs, ZIP archives of pictures and videos among them as the folders into which they were unpacked.
 
-    They are dealt by their ids, since the order of a run's frames is that in which they were finished.
+    Parameters
+    ----------
+    inputs : sequence of str
+        As the user names them.
+    folder : path
+        Each archive has a folder of its name below it; what is there already is not written again.
+
+    Raises
+    ------
+    InputError
+        An archive is damaged, far too large, or holds no picture and no video.
+    """
+    found = []
+    for given in inputs:
+        path = Path(given)
+        if path.suffix.lower() != SUFFIX or not is_file(path):
+            found.append(given)
+            continue
+        place = folder / as_stem(path.stem)
+        pictures, _ = unpack(path, given, place, lambda file: file.suffix.lower() in FRAME_SUFFIXES)
+        if not pictures:
+            raise InputError(f"{given}: holds no picture and no video; import annotations on the page")
+        found.append(str(place))
+    return found
+
+
+def take_part(frames: list[ListedFrame], part: str | None) -> list[ListedFrame]:
+    """The frames of one of several people: of ``"2/4"`` about every fourth one; all where None.
+
+    They are dealt by a digest of their ids: who has a frame keeps it, whatever joins the folder or leaves it.
 
     Raises
     ------
@@ -185,10 +220,15 @@ def take_part(frames: list[ListedFrame], part: str | None) -> list[ListedFrame]:
     found = re.fullmatch(r"([1-9]\d{0,5})/([1-9]\d{0,5})", part)
     if found is None or int(found[1]) > int(found[2]):
         raise InputError(f"--part {part}: must be K/N such as 2/4, the second of four parts")
-    chosen = sorted(frames, key=lambda frame: frame.file.id)[int(found[1]) - 1 :: int(found[2])]
+    chosen = sorted((f for f in frames if _deal(f.file.id, int(found[2])) == int(found[1])), key=lambda f: f.file.id)
     if not chosen:
         raise InputError(f"--part {part}: is empty; there are {len(frames)} frames")
     return chosen
+
+
+def _deal(frame_id: str, people: int) -> int:
+    """Who of so many people, from 1, has a frame."""
+    return int.from_bytes(hashlib.sha256(frame_id.encode(errors="surrogateescape")).digest()[:8], "big") % people + 1
 
 
 def _frames_of_run(folder: Path) -> list[ListedFrame]:

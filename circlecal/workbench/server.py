@@ -27,6 +27,7 @@ from circlecal.errors import CirclecalError
 from circlecal.formats.annotation import Annotation
 from circlecal.formats.registry import annotation_formats
 from circlecal.records.json_text import validate_json
+from circlecal.workbench.address import PageAddress, keep_address, make_address, recall_address
 from circlecal.workbench.page_field import describe_field
 from circlecal.workbench.session import Session
 from circlecal.workbench.store import NewerError
@@ -42,6 +43,10 @@ MOST_LINES = 20
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+OF_EARLIER_START = (
+    "This page is of an earlier start of circlecal annotate. Open the address that it printed last; what was not saved "
+    "here is kept in this browser and taken up there."
 )
 _OWN_SITES = ("none", "same-origin")
 _TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}
@@ -78,18 +83,24 @@ class _Desk:
 
     def __init__(self, session: Session) -> None:
         self.session = session
+        self.start = secrets.token_hex(4)  # another one after each start
         self.files = {file.name: file.read_bytes() for file in (*PAGE.iterdir(), *SHARED)}
 
     async def page(self, request: Request) -> Response:
         name = request.path_params.get("name") or "index.html"
         if name not in self.files:
-            return _problem("there is no such page", 404)
+            return tell_missing(request)
         return Response(self.files[name], media_type=_TYPES[Path(name).suffix])
 
     async def listing(self, request: Request) -> Response:
         writable = sorted(name for name, f in annotation_formats().items() if f.write is not None)
-        field, folder = describe_field(self.session.template), str(self.session.store.folder)
-        return _json({"frames": self.session.listing(), "field": field, "formats": writable, "folder": folder})
+        field, folder = describe_field(self.session.template), str(self.session.store.folder.absolute())
+        return _json(
+            {
+                "frames": self.session.listing(), "field": field, "formats": writable, "folder": folder,
+                "start": self.start,
+            }
+        )  # fmt: skip
 
     async def picture(self, request: Request) -> Response:
         content = await run_in_threadpool(self.session.picture, request.path_params["index"])
@@ -164,7 +175,7 @@ def make_app(session: Session, token: str, port: int) -> Starlette:
     ]
     app = Starlette(
         routes=routes,
-        exception_handlers={CirclecalError: _tell, ValidationError: _tell_invalid},
+        exception_handlers={CirclecalError: _tell, ValidationError: _tell_invalid, 404: tell_missing},
     )
     app.add_middleware(Guard, hosts=frozenset({f"{LOCAL}:{port}", f"localhost:{port}"}))
     return app
@@ -245,6 +256,14 @@ def _problem(text: str, status: int) -> Response:
     return _json({"error": text}, status)
 
 
+def tell_missing(request: Request, error: Exception | None = None) -> Response:
+    """That there is no such page, mostly since its address is of an earlier start; to people with what to do."""
+    if "text/html" not in request.headers.get("accept", ""):
+        return _problem(OF_EARLIER_START, 404)
+    page = f"<!DOCTYPE html><html lang=en><title>circlecal workbench</title><p>{OF_EARLIER_START}</p></html>"
+    return Response(page, 404, media_type="text/html")
+
+
 def _tell(request: Request, error: Exception) -> Response:
     return _problem(str(error), 400)
 
@@ -275,7 +294,28 @@ def bind(port: int) -> socket.socket:
     return found
 
 
-def serve(session: Session, port: int, on_ready: Callable[[str], None]) -> None:
+def _bind_again(port: int, folder: Path, part: str | None) -> tuple[socket.socket, str]:
+    """A socket and the token of its page: those of the last start for a folder where they are free, so that a page that
+    is still open goes on.
+
+    Raises
+    ------
+    CirclecalError
+        The port is taken.
+    """
+    before = recall_address(folder, part)
+    if before is not None and port in (0, before.port):
+        try:
+            return bind(before.port), before.token
+        except CirclecalError:  # served still, or by another program
+            return bind(port), make_address().token
+    new = make_address()
+    listener = bind(port)
+    keep_address(folder, part, PageAddress(listener.getsockname()[1], new.token))
+    return listener, new.token
+
+
+def serve(session: Session, port: int, on_ready: Callable[[str], None], part: str | None = None) -> None:
     """Serve until Ctrl-C.
 
     Parameters
@@ -286,13 +326,15 @@ def serve(session: Session, port: int, on_ready: Callable[[str], None]) -> None:
         On which; 0 for any free one.
     on_ready : callable
         Called with the address of the page.
+    part : str, optional
+        Which part of the frames is served, such as ``"2/4"``; each has a page of its own.
 
     Raises
     ------
     CirclecalError
         The port is taken.
     """
-    listener, token = bind(port), secrets.token_urlsafe(24)
+    listener, token = _bind_again(port, session.store.folder, part)
     port = listener.getsockname()[1]
     app = make_app(session, token, port)
     server = uvicorn.Server(uvicorn.Config(app, log_level="error", access_log=False, lifespan="off"))

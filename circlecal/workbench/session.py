@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import io
+import tempfile
 import threading
 import zipfile
 from collections import Counter, OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass, field, replace
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import cv2
@@ -20,17 +21,18 @@ from circlecal.errors import InputError
 from circlecal.field import FieldTemplate
 from circlecal.files import write_atomic
 from circlecal.formats.annotation import FORMAT as WORKBENCH
-from circlecal.formats.annotation import Annotation, annotation_bytes, markings_of
+from circlecal.formats.annotation import Annotation, annotation_bytes, markings_of, parse_annotation
 from circlecal.formats.exports import list_losses
 from circlecal.formats.format import AnnotationFormat
 from circlecal.formats.meaning import observe
 from circlecal.formats.paint_list import LIST_NAME, list_bytes
-from circlecal.formats.registry import annotation_formats, read_annotations, require_format
+from circlecal.formats.registry import annotation_formats, annotation_suffixes, read_annotations, require_format
 from circlecal.formats.shapes import AnnotatedFrame
 from circlecal.geometry.projective import Array
 from circlecal.names import as_stem
 from circlecal.pipeline import field_of
 from circlecal.workbench.answers import Answer, WrongName, answer, describe
+from circlecal.workbench.archives import MAGIC, unpack
 from circlecal.workbench.doubts import find_wrong_name
 from circlecal.workbench.frames import ListedFrame, picture_of, tell_pixels
 from circlecal.workbench.interpretations import Interpretation, interpret
@@ -66,6 +68,20 @@ class OpenFrame:
 
     measured: MeasuredPicture
     begun: Annotation
+
+
+@dataclass(slots=True)
+class _Taken:
+    """What was taken of the files of an import."""
+
+    taken: int = 0
+    unknown: int = 0
+    warnings: list[str] = field(default_factory=list)
+
+    def add(self, taken: int, unknown: int, warnings: Sequence[str]) -> None:
+        self.taken += taken
+        self.unknown += unknown
+        self.warnings += warnings
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,6 +213,8 @@ class Session:
     def save(self, index: int, annotation: Annotation, base: int) -> dict[str, Any]:
         """Save a changed annotation and calibrate it by what has a name; :meth:`settle` does the rest.
 
+        A frame counts as annotated where its content is another one than what was measured, or it is confirmed.
+
         Raises
         ------
         NewerError
@@ -211,7 +229,8 @@ class Session:
         if (annotation.id, annotation.width, annotation.height) != (own.id, own.width, own.height):
             raise InputError(f"{annotation.id}: is not the annotation of {own.id}")
         told = answer(annotation, self.config, nameless=False)
-        saved = self.store.save(annotation, base)
+        touched = annotation.confirmed or not annotation.says_what(own)
+        saved = self.store.save(annotation, base, touched=touched)
         return self._show(index, saved, replace(told, annotation=saved))
 
     def settle(self, index: int) -> dict[str, Any]:
@@ -328,7 +347,9 @@ class Session:
                 yield annotation
 
     def take_in(self, name: str, content: bytes) -> dict[str, Any]:
-        """Take the frames of another program's file into the annotations, by their names.
+        """Take the frames of another program's file, or of a ZIP of such files, into the annotations, by their names.
+
+        What was taken stays in the folder ``imported``; what is refused leaves nothing.
 
         Returns
         -------
@@ -341,8 +362,44 @@ class Session:
         InputError
             The file is none of the known formats, or nothing of the frames that are known here can be used.
         """
-        path = self.store.folder / "imported" / as_stem(Path(name.replace("\\", "/")).name)
-        write_atomic(path, content)
+        name = as_stem(Path(name.replace("\\", "/")).name)
+        with tempfile.TemporaryDirectory(prefix="circlecal-import-") as folder:
+            place = Path(folder)
+            files, others = [place / name], 0
+            if content.startswith(MAGIC):
+                files, others = unpack(io.BytesIO(content), name, place / "unpacked", _may_be_annotation)
+                files = [file for file in files if file.name != LIST_NAME]
+            else:
+                files[0].write_bytes(content)
+            told = self._take_files(files, place, name)
+        if others:
+            told.warnings.append(
+                f"{name}: holds {others} other files, which are left out; give a ZIP of pictures to circlecal annotate"
+            )
+        if told.taken:
+            write_atomic(self.store.folder / "imported" / name, content)
+        return {"taken": told.taken, "unknown": told.unknown, "warnings": told.warnings}
+
+    def _take_files(self, files: Sequence[Path], place: Path, name: str) -> _Taken:
+        """Take files of a folder, of which those of an archive that cannot be used are told.
+
+        Raises
+        ------
+        InputError
+            Nothing can be used.
+        """
+        told = _Taken()
+        for file in files:
+            try:
+                told.add(*self._take_file(file))
+            except InputError as error:
+                told.warnings.append(str(error).replace(f"{place / 'unpacked'}/", "").replace(f"{place}/", ""))
+        if not told.taken and (told.warnings or not files):
+            raise InputError(told.warnings[0] if told.warnings else f"{name}: holds no file of annotations")
+        return told
+
+    def _take_file(self, path: Path) -> tuple[int, int, list[str]]:
+        """How many frames of a file are taken, how many are unknown, and warnings."""
         stems = [(frame.file.path.stem, k) for k, frame in enumerate(self.frames) if frame.file.time_s is None]
         shared = {stem for stem, count in Counter(stem for stem, _ in stems).items() if count > 1}
         # a name that several pictures have in their folders is none of theirs, but for the one whose id it is
@@ -350,17 +407,18 @@ class Session:
         numbers |= {frame.file.id: k for k, frame in enumerate(self.frames)}
         source, frames = self._read(path, numbers)
         known = [(numbers[frame.id], frame) for frame in frames if frame.id in numbers]
+        whole = parse_annotation(path, path.read_bytes()) if source == WORKBENCH.name else None
         taken = 0
         warnings: list[str] = []
         for index, frame in known:
             try:
-                warnings += self._merge(index, frame, source)
+                warnings += self._merge(index, frame, source, whole)
                 taken += 1
             except (InputError, NewerError) as error:
                 warnings.append(str(error))
         if known and not taken:
             raise InputError(warnings[0])
-        return {"taken": taken, "unknown": len(frames) - len(known), "warnings": warnings}
+        return taken, len(frames) - len(known), warnings
 
     def _read(self, path: Path, numbers: Mapping[str, int]) -> tuple[str, list[AnnotatedFrame]]:
         """Name of the format and frames of a file; those of which it does not say how large they are have the size of
@@ -378,9 +436,12 @@ class Session:
         placed = [of_size.get(sizes.get(frame.id, UNKNOWN_SIZE), frames)[k] for k, frame in enumerate(frames)]
         return found.name, placed
 
-    def _merge(self, index: int, frame: AnnotatedFrame, source: str) -> tuple[str, ...]:
+    def _merge(
+        self, index: int, frame: AnnotatedFrame, source: str, whole: Annotation | None = None
+    ) -> tuple[str, ...]:
         """The imported markings in the place of those of the same names; what a person should know of it, one line
-        each. What somebody clicked stays in the list, not used.
+        each. What somebody clicked stays in the list, not used. The workbench's own annotation, ``whole``, of a frame
+        that nobody annotated here is taken as it is, with its note, flag and author.
 
         Raises
         ------
@@ -390,6 +451,12 @@ class Session:
             The frame was changed elsewhere meanwhile.
         """
         current = self.annotation(index)
+        if whole is not None and not current.touched and whole.field == current.field:
+            own = current.model_dump(include={"id", "source", "time_s", "revision"})
+            fitted = whole.resize(current.width, current.height).model_copy(update=own)
+            self.store.save(fitted, current.revision)
+            self.show(index)
+            return ()
         fitting = frame.resize(current.width, current.height)
         seen = observe(fitting, self.template, self.config.sources, source, frame.id)
         imported = markings_of(seen.observations, "imported")
@@ -414,6 +481,11 @@ class Session:
         if current.flag is not None:
             told.append(f"{frame.id}: stays flagged {_say_flag(current)}; take the flag away to use it")
         return (*seen.warnings, *told)
+
+
+def _may_be_annotation(path: PurePosixPath) -> bool:
+    """Whether a file of an archive is looked at, by its name: annotations, and the list beside them."""
+    return path.suffix.lower() in annotation_suffixes() or path.name == LIST_NAME
 
 
 def _say_flag(annotation: Annotation) -> str:

@@ -6,6 +6,7 @@ import contextlib
 import os
 import threading
 from collections.abc import Iterator
+from datetime import UTC, datetime
 from pathlib import Path
 
 from circlecal.errors import InputError
@@ -61,8 +62,8 @@ class AnnotationStore:
         except InputError as error:
             raise InputError(f"{error}; mend the file or move it away") from error
 
-    def save(self, annotation: Annotation, base: int) -> Annotation:
-        """Write a changed annotation.
+    def save(self, annotation: Annotation, base: int, *, touched: bool = True) -> Annotation:
+        """Write a changed annotation, with the time of the change; one that says what its file says stays as it is.
 
         Parameters
         ----------
@@ -70,6 +71,8 @@ class AnnotationStore:
             The new content.
         base : int
             Revision that it was made from, 0 where there was none.
+        touched : bool
+            Whether a person says anything in it; what says nothing is kept and not used.
 
         Returns
         -------
@@ -89,7 +92,13 @@ class AnnotationStore:
                 if current is None:
                     current = annotation.model_copy(update={"revision": 0})
                 raise NewerError(current)
-            saved = annotation.model_copy(update={"revision": base + 1, "touched": True})
+            if current is None and not touched:
+                return annotation.model_copy(update={"touched": False})
+            judged = touched, annotation.confirmed
+            if current is not None and current.says_what(annotation) and (current.touched, current.confirmed) == judged:
+                return current
+            now = datetime.now(UTC).isoformat(timespec="seconds")
+            saved = annotation.model_copy(update={"revision": base + 1, "touched": touched, "changed_at": now})
             write_atomic(self.path(annotation.id), annotation_bytes(saved))
             return saved
 

@@ -583,3 +583,22 @@ def test_a_thousand_frames(browser, tmp_path, named):
     listing = (tmp_path / REPORT_FOLDER / "frames.js").stat().st_size
     assert listing < 250 * len(records)
     assert json.loads((tmp_path / REPORT_FOLDER / "frames.js").read_text()[len("circlecalFrames(") : -3])
+
+
+def test_the_printed_report_has_its_frames(page):
+    page.devtools("Emulation.setEmulatedMedia", media="print")
+    try:
+        page.run("document.documentElement.dataset.theme = 'dark'; window.dispatchEvent(new Event('beforeprint'))")
+        told = page.run(
+            "const seen = (id) => document.getElementById(id).getClientRects().length > 0;"
+            "return [seen('list'), seen('filter'), seen('printed'), document.documentElement.dataset.theme,"
+            "document.querySelectorAll('#list .card').length, document.getElementById('printed').textContent]"
+        )
+        assert told[:4] == [True, False, True, "light"] and told[4] == 10
+        assert told[5].startswith("10 of 10 frames: "), "which frames pass the filter is told, too"
+        assert page.run("return document.documentElement.scrollWidth <= innerWidth")
+        page.run("window.dispatchEvent(new Event('afterprint'))")
+        assert page.run("return document.documentElement.dataset.theme") == "dark"
+    finally:
+        page.devtools("Emulation.setEmulatedMedia", media="")
+        page.run("document.documentElement.dataset.theme = 'light'")

@@ -1,5 +1,6 @@
 """A frame that the chain refuses because nothing turns its circle, and a server of its own."""
 
+import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -60,13 +61,14 @@ def folder(tmp_path_factory, open_image, frame_image) -> Path:
 
 
 @pytest.fixture(scope="module")
-def serve() -> Iterator[Callable[..., tuple[subprocess.Popen[str], str]]]:
+def serve(tmp_path_factory) -> Iterator[Callable[..., tuple[subprocess.Popen[str], str]]]:
     """Start a server; its process and the address that it prints."""
     running: list[subprocess.Popen[str]] = []
+    environment = os.environ | {"XDG_STATE_HOME": str(tmp_path_factory.mktemp("state"))}
 
     def start(*arguments: object) -> tuple[subprocess.Popen[str], str]:
         command = [sys.executable, "-m", "circlecal", "annotate", "--no-browser", "-q", *map(str, arguments)]
-        server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
         running.append(server)
         assert server.stdout is not None
         return server, server.stdout.readline().strip()

@@ -488,3 +488,132 @@ def keys_alone(browser, address, out):
         " || e.labels?.[0]?.textContent.trim())).map((e) => e.outerHTML)"
     )
     assert nameless == []
+
+
+OFFLINE = "!document.getElementById('offline').hidden"
+STOPPED = "document.getElementById('saved').textContent === 'not saved yet'"
+
+
+def kill(process: subprocess.Popen[str]) -> None:
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+
+
+def test_a_page_goes_on_when_its_server_is_started_again_and_saves_what_was_not(browser, serve, folder, tmp_path):
+    process, address = serve(folder, "--out", tmp_path)
+    go_to(browser, address, "good")
+    kill(process)
+    note(browser, "not lost")
+    browser.wait(f"{OFFLINE} && {STOPPED}")
+    told = browser.run("return document.getElementById('offline').textContent")
+    assert "Start circlecal annotate again" in told and not browser.run("return document.querySelector('dialog[open]')")
+    process, again = serve(folder, "--out", tmp_path)
+    assert again == address
+    browser.wait(f"!({OFFLINE}) && {READY} && {SAVED}")
+    assert browser.run(f"return [{TITLE}, document.getElementById('note').value]") == ["good", "not lost"]
+    assert stored(tmp_path, "good")["note"] == "not lost"
+    assert browser.run("return Object.keys(localStorage).filter((key) => key.includes('draft'))") == []
+    kill(process)
+    note(browser, "of a closed window")
+    browser.wait(STOPPED)
+    browser.open("about:blank")
+    browser.open(serve(folder, "--out", tmp_path)[1])  # opens the frame of which something was not saved
+    browser.wait(f"{READY} && {SAVED} && {TITLE} === 'good'")
+    assert stored(tmp_path, "good")["note"] == "of a closed window"
+    browser.console()
+
+
+def test_what_was_not_saved_does_not_go_over_what_another_one_saved(browser, serve, folder, tmp_path):
+    process, address = serve(folder, "--out", tmp_path)
+    go_to(browser, address, "good")
+    note(browser, "first")
+    browser.wait(SAVED)
+    kill(process)
+    note(browser, "mine")
+    browser.wait(STOPPED)
+    theirs = stored(tmp_path, "good") | {"revision": 5, "note": "theirs"}
+    (tmp_path / "good.json").write_text(json.dumps(theirs))
+    serve(folder, "--out", tmp_path)
+    browser.wait("document.getElementById('conflict').open")
+    assert stored(tmp_path, "good")["note"] == "theirs"
+    browser.run("document.getElementById('take-theirs').click()")
+    browser.wait(f"document.getElementById('note').value === 'theirs' && {READY}")
+    assert browser.run("return Object.keys(localStorage).filter((key) => key.includes('draft'))") == []
+    browser.console()
+
+
+def test_the_name_is_asked_once_and_goes_into_the_files(browser, serve, folder, tmp_path):
+    _, address = serve(folder, "--out", tmp_path)
+    go_to(browser, address, "good")
+    asked = "document.getElementById('author').classList.contains('asked')"
+    assert not browser.run(f"return {asked}")
+    note(browser, "x")
+    browser.wait(f"{SAVED} && {asked}")
+    browser.run("const a = document.getElementById('author'); a.value = ' Ada '; a.dispatchEvent(new Event('change'))")
+    note(browser, "y")
+    browser.wait(f"{SAVED} && !{asked}")
+    assert stored(tmp_path, "good")["author"] == "Ada"
+    go_to(browser, address, "open")
+    assert browser.run("return document.getElementById('author').value") == "Ada"
+
+
+def test_a_wrong_name_is_told_before_anything_else_and_mended_with_one_key(browser, serve, folder, tmp_path):
+    go_to(browser, serve(folder / "good.png", "--out", tmp_path)[1], "good")
+    named = "[...document.querySelectorAll('#markings .pick')].find((b) => b.textContent.includes('side line top'))"
+    browser.run(f"{named}.click()")
+    choose_on_field(browser, "big_rect_left_top")
+    browser.wait(f"{SAVED} && document.querySelector('#offers .mend')")
+    told = browser.run("return document.getElementById('missing').textContent")
+    assert told.startswith("The name big rect left top contradicts the rest") and "probably side line top" in told
+    assert browser.run("return document.getElementById('advice').className") == "no"
+    assert not browser.run("return document.getElementById('confirm')")
+    browser.run("document.activeElement.blur()")
+    browser.press("a")
+    browser.wait(f"{SAVED} && !document.querySelector('#offers .mend')")
+    assert "side_line_top" in {m["name"] for m in stored(tmp_path, "good")["markings"]}
+    assert not stored(tmp_path, "good")["touched"], "it says what was measured again"
+
+
+def test_markings_can_be_hidden_and_the_magnifier_shows_the_template(browser, serve, folder, tmp_path, wide_camera):
+    go_to(browser, serve(folder / "good.png", "--out", tmp_path)[1], "good")
+    count = "return document.querySelectorAll('#drawing .traced').length"
+    assert browser.run(count) > 2
+    browser.run("document.activeElement.blur()")
+    browser.press("p")
+    assert browser.run(count) == 0
+    browser.press("p")
+    assert browser.run(count) > 2
+    browser.run(
+        "window.drawn = 0; const before = CanvasRenderingContext2D.prototype.lineTo;"
+        "CanvasRenderingContext2D.prototype.lineTo = function (...at) { window.drawn += this.canvas.id === 'magnifier';"
+        "return before.apply(this, at); };"
+    )
+
+    def lines_over(template: bool) -> int:
+        box = browser.run(
+            "const path = document.querySelector('#drawing .traced'), p = document.getElementById('picture');"
+            "const at = path.getPointAtLength(path.getTotalLength() / 2), b = p.getBoundingClientRect();"
+            "const zoom = b.width / p.naturalWidth; window.drawn = 0;"
+            "return [b.left + at.x * zoom, b.top + at.y * zoom]"
+        )
+        browser.devtools("Input.dispatchMouseEvent", type="mouseMoved", x=box[0], y=box[1], button="none")
+        browser.wait("window.drawn > 0")
+        return browser.run("return window.drawn")
+
+    cross = 4
+    assert lines_over(True) > cross
+    browser.press("v")
+    assert lines_over(False) == cross
+
+
+def test_files_that_are_dropped_are_taken_in(browser, serve, folder, tmp_path):
+    go_to(browser, serve(folder / "good.png", "--out", tmp_path)[1], "good")
+    line = {"Side line top": [{"x": 0.0, "y": 0.5}, {"x": 1.0, "y": 0.25}]}
+    content = json.dumps(json.dumps(line))
+    browser.run(
+        "const held = new DataTransfer();"
+        f"for (const name of ['good.json', 'other.json']) held.items.add(new File([{content}], name));"
+        "document.body.dispatchEvent(new DragEvent('drop', { dataTransfer: held, bubbles: true, cancelable: true }))"
+    )
+    browser.wait("document.getElementById('saved').textContent === '1 taken in, 1 unknown'")
+    assert "imported" in {m["source"] for m in stored(tmp_path, "good")["markings"]}

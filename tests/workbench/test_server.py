@@ -12,6 +12,7 @@ from circlecal.errors import InputError
 from circlecal.formats.annotation import parse_annotation
 from circlecal.formats.registry import read_annotations
 from circlecal.tracking import stretches
+from circlecal.workbench.address import PageAddress, keep_address, make_address, recall_address
 from circlecal.workbench.session import Session
 from tests.tracking import scripted
 
@@ -241,7 +242,7 @@ def test_a_run_whose_pictures_are_gone_and_an_address_are_one_line(folder, run_c
 def opened(monkeypatch) -> list[Session]:
     """Sessions that would have been served."""
     found: list[Session] = []
-    monkeypatch.setattr("circlecal.workbench.server.serve", lambda session, port, tell: found.append(session))
+    monkeypatch.setattr("circlecal.workbench.server.serve", lambda session, port, tell, part: found.append(session))
     return found
 
 
@@ -310,7 +311,7 @@ def test_the_report_of_a_run_is_told_of_the_workbench_while_it_runs(
     told = out / "circlecal-report" / "annotate.js"
     seen = []
 
-    def serve(session, port, on_ready):
+    def serve(session, port, on_ready, part):
         on_ready("http://127.0.0.1:4711/t0ken/")
         seen.append((told.read_text(), told.stat().st_mode & 0o777))
 
@@ -320,7 +321,7 @@ def test_the_report_of_a_run_is_told_of_the_workbench_while_it_runs(
     assert seen == [('circlecalAnnotate("http://127.0.0.1:4711/t0ken/");\n', 0o600)]
     assert told.read_text() == "circlecalAnnotate(null);\n"
 
-    def serve_beside(session, port, on_ready):
+    def serve_beside(session, port, on_ready, part):
         on_ready("http://127.0.0.1:4712/other/")
         told.write_text('circlecalAnnotate("http://127.0.0.1:4713/later/");\n')
 
@@ -335,3 +336,42 @@ def test_the_report_of_a_run_is_told_of_the_workbench_while_it_runs(
     outcome = run_circlecal("annotate", out, "--no-browser")
     assert outcome.code == 0 and "4712" in outcome.out
     assert "Read-only file system; the report has no link to this page" in " ".join(outcome.err.split())
+
+
+def test_the_address_of_a_folder_is_kept_between_starts(serve, folder, tmp_path):
+    first, address = serve(folder, "--out", tmp_path)
+    beside, other = serve(folder, "--out", tmp_path)
+    assert other.split("/")[2:4] != address.split("/")[2:4], "the first one is still served"
+    _, of_part = serve(folder, "--out", tmp_path, "--part", "1/1")
+    assert of_part.split("/")[3] != address.split("/")[3]
+    for process in (first, beside):
+        process.kill()
+        process.wait()
+    assert serve(folder, "--out", tmp_path)[1] == address
+    assert not any(path.name.startswith("workbench") for path in tmp_path.rglob("*")), "a token is nobody else's"
+
+
+def test_an_address_of_an_earlier_start_says_what_to_do(serve, folder, tmp_path):
+    old = urlsplit(serve(folder, "--out", tmp_path)[1])
+    for accept, kind in (("text/html", "text/html"), ("*/*", "application/json")):
+        request = urllib.request.Request(f"http://{old.netloc}/another-token/", headers={"Accept": accept})
+        with pytest.raises(urllib.error.HTTPError) as caught:
+            urllib.request.build_opener(urllib.request.ProxyHandler({})).open(request)
+        assert caught.value.code == 404 and caught.value.headers["content-type"].startswith(kind)
+        assert "Open the address that it printed last" in caught.value.read().decode()
+
+
+def test_an_address_that_is_damaged_or_cannot_be_kept_is_another_one(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    kept = PageAddress(4711, make_address().token)
+    keep_address(Path("a"), None, kept)
+    assert recall_address(Path("a"), None) == kept
+    assert recall_address(Path("a"), "1/2") is None and recall_address(Path("b"), None) is None
+    (file,) = (tmp_path / "circlecal").iterdir()
+    assert file.stat().st_mode & 0o777 == 0o600
+    for damaged in ("{", "[]", '{"port": 70000, "token": "x"}', f'{{"port": 1, "token": "{"x" * 31}/"}}'):
+        file.write_text(damaged)
+        assert recall_address(Path("a"), None) is None
+    monkeypatch.setenv("XDG_STATE_HOME", str(file))
+    keep_address(Path("a"), None, kept)
+    assert recall_address(Path("a"), None) is None

@@ -1,6 +1,7 @@
 """What one server holds: a search for names ends as soon as something else is asked."""
 
 import json
+import re
 import threading
 import zipfile
 from dataclasses import replace
@@ -18,24 +19,26 @@ from circlecal.formats.paint_list import LIST_NAME
 from circlecal.pictures.limits import DEFAULT_LIMITS, LimitsConfig
 from circlecal.pictures.video import Sampling
 from circlecal.workbench import session as module
-from circlecal.workbench.frames import list_frames, take_part
+from circlecal.workbench.frames import UNPACKED_FOLDER, list_frames, take_part, unpack_inputs
 from circlecal.workbench.session import Session
 from circlecal.workbench.store import LOCK_NAME, AnnotationStore, NewerError
 
 
-def test_parts_hold_every_frame_once(folder):
+def test_parts_hold_every_frame_once_and_keep_it_when_frames_join(folder):
     frames = list_frames([str(folder)], Sampling.parse("1s"), DEFAULT_LIMITS)
-    parts = [take_part(frames, f"{k}/2") for k in (1, 2)]
-    assert sorted(frame.file.id for part in parts for frame in part) == sorted(frame.file.id for frame in frames)
-    assert [len(part) for part in parts] == [2, 1]
     assert take_part(frames, None) == frames
-    # those that a batch does again move to the end of its results
+    many = [replace(frames[0], file=replace(frames[0].file, id=f"frame_{k:03d}")) for k in range(200)]
+    parts = [take_part(many, f"{k}/3") for k in (1, 2, 3)]
+    assert sorted(frame.file.id for part in parts for frame in part) == [frame.file.id for frame in many]
+    assert min(map(len, parts)) > 50
+    joined = [replace(frames[0], file=replace(frames[0].file, id=f"a_{k}")) for k in range(5)]
     for k, part in enumerate(parts, start=1):
-        assert take_part([*frames[1:], frames[0]], f"{k}/2") == part
+        # in any order, and whatever else is in the folder
+        assert [f for f in take_part([*joined, *many[::-1]], f"{k}/3") if f in part] == part
 
 
 @pytest.mark.parametrize(
-    ("part", "told"), [("3/2", "such as 2/4"), ("0/2", "such as"), ("half", "such as"), ("4/4", "3 frames")]
+    ("part", "told"), [("3/2", "such as 2/4"), ("0/2", "such as"), ("half", "such as"), ("1/99999", "3 frames")]
 )
 def test_a_part_that_is_none_is_refused(folder, part, told):
     with pytest.raises(InputError, match=told):
@@ -86,7 +89,7 @@ def test_a_frame_that_others_helped_keeps_its_place_when_it_is_looked_at(folder,
     session = Session(of_run, AnnotationStore(tmp_path), Config())
     assert session.show(0)["row"][1:4] == ["calibrated", None, 1.5]
     begun = session.annotation(0)
-    assert session.save(0, begun.model_copy(update={"touched": True}), 0)["row"][1] == "refused", (
+    assert session.save(0, begun.model_copy(update={"confirmed": True}), 0)["row"][1] == "refused", (
         "what a person changed"
     )
 
@@ -161,10 +164,11 @@ def test_two_servers_on_one_folder_never_save_over_each_other(tmp_path):
     stores = [AnnotationStore(tmp_path) for _ in range(2)]
     for base in range(1, 41):
         outcomes = []
+        changed = annotation.model_copy(update={"note": str(base)})
 
-        def save(store: AnnotationStore, base: int = base, outcomes: list[str] = outcomes) -> None:
+        def save(store: AnnotationStore, base: int = base, outcomes: list[str] = outcomes, changed=changed) -> None:
             try:
-                store.save(annotation, base)
+                store.save(changed, base)
                 outcomes.append("saved")
             except NewerError:
                 outcomes.append("newer")
@@ -232,3 +236,78 @@ def test_a_video_and_a_picture_beyond_the_limits_are_refused(folder, tmp_path):
     for index in range(2):
         with pytest.raises(InputError, match=r"limits\.max_pixels"):
             session.open(index)
+
+
+def names(annotation):
+    return [marking.name for marking in annotation.markings]
+
+
+def test_only_a_change_of_the_content_makes_a_frame_annotated(folder, tmp_path):
+    session = begin(tmp_path, folder / "good.png")
+    begun = session.annotation(0)
+    assert not session.save(0, begun, 0)["row"][5]
+    assert not (tmp_path / "good.json").exists(), "nothing was said"
+    wrong = begun.model_copy(update={"markings": begun.markings[:-1]})
+    told = session.save(0, wrong, 0)
+    assert told["row"][5] and told["annotation"]["touched"]
+    told = session.save(0, wrong, 1)
+    assert told["annotation"]["revision"] == 1, "the file stays as it is"
+    told = session.save(0, begun, 1)
+    assert not told["row"][5] and find_annotation(tmp_path, "good") is None, "it was undone"
+    told = session.save(0, begun.model_copy(update={"confirmed": True}), 2)
+    assert told["row"][5] and told["annotation"]["touched"]
+    assert session.save(0, begun.model_copy(update={"confirmed": True, "note": "x"}), 3)["row"][5]
+    assert session.save(0, begun.model_copy(update={"confirmed": True}), 4)["row"][5], "it was confirmed before"
+
+
+def test_who_annotated_a_frame_and_when_is_in_its_file(folder, tmp_path):
+    session = begin(tmp_path, folder / "good.png")
+    begun = session.annotation(0)
+    session.save(0, begun.model_copy(update={"note": "dark", "author": "Ada"}), 0)
+    stored = json.loads((tmp_path / "good.json").read_text())
+    assert stored["author"] == "Ada"
+    assert re.fullmatch(r"20\d\d-\d\d-\d\dT\d\d:\d\d:\d\d\+00:00", stored["changed_at"])
+
+
+def zip_of(**files):
+    stream = BytesIO()
+    with zipfile.ZipFile(stream, "w") as archive:
+        for name, content in files.items():
+            archive.writestr(name.replace("__", "/").replace("_dot_", "."), content)
+    return stream.getvalue()
+
+
+def test_a_zip_of_annotations_is_taken_and_what_is_refused_leaves_nothing(folder, tmp_path):
+    annotate(tmp_path / "other", "good")
+    theirs = AnnotationStore(tmp_path / "other")
+    saved = theirs.read("good")
+    content = annotation_bytes(saved.model_copy(update={"note": "theirs", "author": "Bob"}))
+    line = json.dumps({"Side line top": [{"x": 0.0, "y": 0.5}, {"x": 1.0, "y": 0.25}]})
+    session = begin(tmp_path / "out", folder)
+    given = zip_of(a__good_dot_json=content, b__open_dot_json=line, b__bad_dot_json="{", readme_dot_txt="x")
+    told = session.take_in("both.zip", given)
+    assert (told["taken"], told["unknown"]) == (2, 0)
+    assert told["warnings"][0].startswith("b/bad.json: is not JSON")
+    assert "1 other files" in told["warnings"][1]
+    good, opened = (session.annotation(number_of(session, name)) for name in ("good", "open"))
+    assert (good.note, good.author, names(good)) == ("theirs", "Bob", ["side_line_top"]), "as the other one made it"
+    assert "side_line_top" in names(opened)
+    assert [path.name for path in (tmp_path / "out" / "imported").iterdir()] == ["both.zip"]
+    for name, broken in (("bad.json", b"{"), ("x.zip", b"PK not"), ("none.zip", zip_of(a_dot_txt="x"))):
+        with pytest.raises(InputError, match=f"^{name}: "):
+            session.take_in(name, broken)
+    assert [path.name for path in (tmp_path / "out" / "imported").iterdir()] == ["both.zip"]
+
+
+def test_a_zip_of_pictures_is_an_input_and_leads_nowhere_else(folder, tmp_path):
+    pictures = zip_of(**{"..____..__cam1__good_dot_png": (folder / "good.png").read_bytes(), "notes_dot_txt": "x"})
+    (tmp_path / "day.zip").write_bytes(pictures)
+    out = tmp_path / "out"
+    for _ in range(2):
+        given = unpack_inputs([str(tmp_path / "day.zip"), "other"], out / UNPACKED_FOLDER)
+    assert given == [str(out / "frames" / "day"), "other"]
+    assert [str(p.relative_to(tmp_path)) for p in out.rglob("*") if p.is_file()] == ["out/frames/day/cam1/good.png"]
+    assert begin(out, Path(given[0])).listing()[0][0] == "cam1__good"
+    (tmp_path / "empty.zip").write_bytes(zip_of(a_dot_txt="x"))
+    with pytest.raises(InputError, match="holds no picture and no video"):
+        unpack_inputs([str(tmp_path / "empty.zip")], out)

@@ -10,6 +10,7 @@
   const DRAWN = 64;
   const LAYERS = { template: "Field template as calibrated", points: "Points of the circle", other: "Field template as the other run's camera draws it" };
   const PER_PAGE = 60;
+  const MOST_PRINTED = 2000;  // some 40 sheets
   const SORTS = { id: "id", verdict: "code", reason: "code", case: "case", sigma: "sigma_px", residual: "rms_px", time: "time_ms", apart: "apart_px" };
   const FIELDS = ["q", "verdict", "reason", "case", "camera", "rig", "change", "from", "to", "sort", "down"];
   const byNumbers = new Intl.Collator("en", { numeric: true });
@@ -139,6 +140,18 @@
     element("page").textContent = `page ${page + 1} of ${pages}`;
     element("back").disabled = page === 0;
     element("on").disabled = page >= pages - 1;
+  };
+  // On paper: the cards of this page, and a table of all frames that pass the filter where these are more.
+  const print = () => {
+    const rows = shown.slice(0, MOST_PRINTED).map((k) => {
+      const sigma = cell("sigma_px", k), number = cell("case", k);
+      const texts = [cell("id", k), refused(k) ? "refused" : "calibrated", refused(k) ? run.codes[cell("code", k)][0] : number === null ? "" : `case ${number}`, sigma === null ? "" : short(sigma)];
+      return make("tr", {}, ...texts.map((text, n) => make("td", { className: n === 3 ? "number" : "", textContent: text })));
+    });
+    const left = shown.length > MOST_PRINTED ? `; the first ${MOST_PRINTED} of them here` : "";
+    const caption = make("caption", { textContent: `${element("count").textContent}${left}` });
+    const heads = ["frame", "verdict", "reason or case", "sigma, px"].map((text, n) => make("th", { scope: "col", className: n === 3 ? "number" : "", textContent: text }));
+    element("printed").replaceChildren(caption, ...(shown.length > PER_PAGE ? [make("thead", {}, make("tr", {}, ...heads)), make("tbody", {}, ...rows)] : []));
   };
   const turn = (wantedPage, focusAt) => {
     page = wantedPage;
@@ -408,6 +421,9 @@
       return [swatch, `${limit} px`];
     }));
     markMoment = circlecalPage.timelines(moment, openFrame, choose);
+    let theme = "";
+    window.addEventListener("beforeprint", () => { theme = document.documentElement.dataset.theme; document.documentElement.dataset.theme = "light"; print(); });
+    window.addEventListener("afterprint", () => { document.documentElement.dataset.theme = theme; element("printed").replaceChildren(); });
     window.addEventListener("hashchange", () => {
       if (!location.hash.includes("=")) return;
       recall();

@@ -1,15 +1,17 @@
+const OFFLINE = "The server does not answer. Start circlecal annotate again as before: this page then goes on by itself. Your last change is kept in this browser.";
 // What the server is asked; every failure becomes an Error with one clear line.
 const fetched = async (address, options = {}) => {
   let answer;
   try {
     answer = await fetch(address, { cache: "no-store", ...options });
   } catch {
-    throw new Error("The server does not answer: start circlecal annotate again; everything up to the last change is saved.");
+    throw Object.assign(new Error(OFFLINE), { isOffline: true });
   }
   if (answer.ok) return answer;
   const content = answer.headers.get("content-type")?.includes("json") ? await answer.json() : null;
   const failure = new Error(content?.error || `the server answered ${answer.status}`);
   failure.status = answer.status;
+  failure.isOffline = answer.status === 404;  // served, and not at this address any more
   failure.current = content?.current;
   throw failure;
 };

@@ -40,6 +40,7 @@ export class Stage {
     this.size = [16, 9];
     this.zoom = this.whole = 1; this.left = 0; this.top = 0;  // whole: zoom at which all of the picture is seen
     this.cross = null;
+    this.template = {};
     this.pointers = new Map();
     this.withSpace = false;
     this.magnify = true;
@@ -162,11 +163,27 @@ export class Stage {
     draw.imageSmoothingEnabled = false;
     draw.clearRect(0, 0, lens.width, lens.height);
     draw.drawImage(this.picture, at[0] + 0.5 - half, at[1] + 0.5 - half, 2 * half, 2 * half, 0, 0, lens.width, lens.height);
+    this._drawTemplate(draw, at, half);
     draw.strokeStyle = "#ff5ad0";
+    draw.lineWidth = 1;
     draw.beginPath();
     const middle = lens.width / 2;
     for (const [a, b] of [[-26, -5], [5, 26]]) { draw.moveTo(middle + a, middle); draw.lineTo(middle + b, middle); draw.moveTo(middle, middle + a); draw.lineTo(middle, middle + b); }
     draw.stroke();
+  }
+
+  // Where the template lies in the magnifier, thin enough to see the paint below it.
+  _drawTemplate(draw, [x, y], half) {
+    const near = ([a, b]) => Math.abs(a - x) < 4 * half && Math.abs(b - y) < 4 * half;
+    draw.beginPath();
+    for (const run of Object.values(this.template).flat()) {
+      run.forEach((point, k) => {
+        if (!k || !(near(point) || near(run[k - 1]) || toSegment(x, y, run[k - 1], point) < 2 * half)) return;
+        for (const [act, [a, b]] of [["moveTo", run[k - 1]], ["lineTo", point]]) draw[act](MAGNIFIED * (a - x + half), MAGNIFIED * (b - y + half));
+      });
+    }
+    draw.lineWidth = 3; draw.strokeStyle = "rgb(0 0 0 / .55)"; draw.stroke();
+    draw.lineWidth = 1.2; draw.strokeStyle = "#5ad1ff"; draw.stroke();
   }
 
   // Number of the marking under a place of the picture; -1 where there is none.
@@ -191,7 +208,8 @@ export class Stage {
   }
 
   draw(view) {
-    const { annotation, answer, chosen, showTemplate, preview } = view;
+    const { annotation, answer, chosen, showTemplate, showMarkings, preview } = view;
+    this.template = showTemplate ? answer.template : {};
     const nodes = [], accepted = answer.status === "calibrated", unit = 1 / this.zoom;
     if (showTemplate) {
       for (const [name, runs] of Object.entries(answer.template)) {
@@ -201,6 +219,7 @@ export class Stage {
       }
     }
     annotation.markings.forEach((marking, number) => {
+      if (!showMarkings && number !== chosen) return;
       const told = answer.markings[number] || {};
       const kind = [told.contradicts && "wrong", !marking.used && "offered", marking.name && marking.used && "named", told.recognised && "recognised", number === chosen && "chosen"].filter(Boolean).join(" ");
       const lines = marking.kind !== "point" && (marking.source !== "clicked" || marking.kind === "line");

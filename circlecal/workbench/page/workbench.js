@@ -3,15 +3,17 @@ import * as net from "./net.js";
 import { FieldMap } from "./field.js";
 import { FrameList, isToDo } from "./list.js";
 import { Stage } from "./stage.js";
+import * as drafts from "./drafts.js";
 
 const by = (id) => document.getElementById(id);
 const make = (tag, properties, ...inside) => { const node = Object.assign(document.createElement(tag), properties); node.append(...inside); return node; };
 const words = (name) => name.replaceAll("_", " ");
-const SETTLE_MS = 350, MOST_LINES = 12;
+const SETTLE_MS = 350, MOST_LINES = 12, AGAIN_MS = 1500, AUTHOR = "circlecal author";
 const PRIORS = [["field.sizes.length", "field length, m", 105], ["field.sizes.width", "field width, m", 68], ["camera.crown_m", "crown at the circle, m", 0.05], ["camera.k1_mean", "lens, kappa", "for its zoom"]];
 
 let field = null, map = null, list = null, index = -1, annotation = null, answer = null;
 let chosen = -1, active = null, offers = [], preview = null, unsaved = false, saving = null, settling = 0, typing = 0, opening = 0, searches = 0;
+let start = null, asking = 0, isLeaving = false;
 const past = [], future = [];
 
 const copy = (value) => structuredClone(value);
@@ -19,7 +21,7 @@ const content = () => copy({ markings: annotation.markings, note: annotation.not
 const kindOf = (name) => field.markings.find((m) => m.name === name)?.kind || "point";
 const tellAll = (title, text) => { by("trouble-title").textContent = title; by("trouble-text").textContent = text; if (!by("trouble").open) by("trouble").showModal(); };
 const tellLines = (title, lines) => { if (lines.length) tellAll(title, [...lines.slice(0, MOST_LINES), ...(lines.length > MOST_LINES ? [`and ${lines.length - MOST_LINES} more`] : [])].join("\n")); };
-const trouble = (error) => tellAll("That did not work", error.message);
+const trouble = (error) => error.isOffline ? wait(error) : tellAll("That did not work", error.message);
 const guarded = (act) => async (...given) => { try { return await act(...given); } catch (error) { trouble(error); return undefined; } };
 
 const stage = new Stage(by("stage"), {
@@ -29,6 +31,23 @@ const stage = new Stage(by("stage"), {
   follow: guarded((way) => followed(way)),
   zoomed: () => { if (annotation) draw(); },
 });
+
+// --- a server that is gone
+
+// What to do, until the server answers: after another start of it the page is loaded anew, which takes up what was not saved.
+const wait = (error) => {
+  by("offline").textContent = error.message;
+  by("offline").hidden = false;
+  asking ||= setTimeout(askAgain, AGAIN_MS);
+};
+const askAgain = async () => {
+  asking = 0;
+  try {
+    const told = await net.listing();
+    by("offline").hidden = true;
+    if (told.start !== start) { isLeaving = true; location.reload(); } else if (unsaved) await push();
+  } catch (error) { wait(error); }
+};
 
 // --- changing, undoing, saving
 
@@ -42,12 +61,14 @@ const change = (act) => {
 };
 const stored = () => {
   unsaved = true;
+  drafts.keep(annotation.id, annotation.revision, { ...content(), confirmed: annotation.confirmed });
   offers = []; answer = { ...answer, suggested: {}, wrong: [] };  // they were for the markings before
   draw();
   return push();
 };
 const confirm = async () => {  // what is calibrated, as it is: saved, and on to the next frame
   if (answer.status !== "calibrated") return;
+  annotation.confirmed = true;
   await stored();
   if (!unsaved) list.step(1, isToDo) || list.step(1);
 };
@@ -70,9 +91,10 @@ const send = guarded(async () => {
       unsaved = false;
       const sent = content();
       by("saved").textContent = "saving …";
-      const started = performance.now(), told = await net.save(index, annotation.revision, { ...annotation, ...sent });
-      annotation.revision = told.annotation.revision;
-      annotation.touched = true;
+      const started = performance.now(), told = await net.save(index, annotation.revision, { ...annotation, ...sent, author: by("author").value.trim() });
+      for (const key of ["revision", "touched", "author", "changed_at"]) annotation[key] = told.annotation[key];
+      if (!unsaved) drafts.drop(annotation.id);
+      askName();
       document.body.dataset.milliseconds = String(Math.round(performance.now() - started));
       by("saved").textContent = "saved";
       list.frames[index] = told.row;
@@ -81,7 +103,7 @@ const send = guarded(async () => {
     settling = setTimeout(settle, SETTLE_MS);
   } catch (error) {
     unsaved = true;
-    by("saved").textContent = "not saved";
+    by("saved").textContent = "not saved yet";
     if (error.status === 409) { conflict(error.current); return; }
     throw error;
   }
@@ -122,7 +144,7 @@ const offer = async () => {
 
 const conflict = (current) => {
   by("conflict").showModal();
-  by("take-theirs").onclick = () => { by("conflict").close(); unsaved = false; open(index); };
+  by("take-theirs").onclick = () => { by("conflict").close(); unsaved = false; drafts.drop(annotation.id); open(index); };
   by("keep-mine").onclick = () => { by("conflict").close(); annotation.revision = current.revision; stored(); };
 };
 
@@ -155,14 +177,25 @@ const open = guarded(async (wanted, said = "") => {
   fill();
   draw(); listed();
   history.replaceState(null, "", `#${encodeURIComponent(annotation.id)}`);
+  takeUp();
   await offer();
 });
+// What was not saved of a frame before its server or its window ended; it was made from an earlier revision, which the
+// server compares.
+const takeUp = () => {
+  const draft = drafts.find(annotation.id);
+  if (!draft) return;
+  past.push(content());
+  Object.assign(annotation, draft.content, { revision: draft.base });
+  fill();
+  stored();
+};
 const stay = (wanted, said) => {
   list.select(index);
   by("busy").hidden = true;
   if (by("conflict").open) return;
   by("drop").hidden = false;
-  by("drop").onclick = () => { by("trouble").close(); unsaved = false; open(wanted, said); };
+  by("drop").onclick = () => { by("trouble").close(); unsaved = false; drafts.drop(annotation.id); open(wanted, said); };
 };
 const clear = () => {  // a frame that cannot be shown
   by("title").textContent = list.frames[index][0];
@@ -252,9 +285,10 @@ const take = (offered) => change((a) => Object.entries(offered.names).forEach(([
 
 // --- telling
 
+const view = () => ({ annotation, answer, chosen, showTemplate: by("show-template").checked, showMarkings: by("show-markings").checked, circle: field.circle, preview });
 const draw = () => {
   if (!annotation) return;
-  stage.draw({ annotation, answer, chosen, showTemplate: by("show-template").checked, circle: field.circle, preview });
+  stage.draw(view());
   stage.drawHeat(by("show-heat").checked ? answer.sigma : null, 1920 / annotation.width);
   by("scale").hidden = !by("show-heat").checked;
   const used = new Set(annotation.markings.filter((m) => m.used && m.name).map((m) => m.name));
@@ -287,7 +321,7 @@ const tell = () => {
   else offers.forEach((offered, k) => {
     const button = make("button", { type: "button", onclick: () => take(offered) }, `${k ? "Or" : "Perhaps"}: ${[...new Set(Object.values(offered.names))].map(words).join(", ")} `);
     if (!k) button.append(make("kbd", { textContent: "a" }));
-    const show = (on) => { preview = on ? Object.keys(offered.names).flatMap((n) => [annotation.markings[n].points_px]) : null; stage.draw({ annotation, answer, chosen, showTemplate: by("show-template").checked, circle: field.circle, preview }); };
+    const show = (on) => { preview = on ? Object.keys(offered.names).flatMap((n) => [annotation.markings[n].points_px]) : null; stage.draw(view()); };
     button.addEventListener("mouseenter", () => show(true)); button.addEventListener("mouseleave", () => show(false));
     buttons.push(button);
   });
@@ -379,6 +413,7 @@ const onKey = (event) => {
   else if (key === "x" || key === "Delete" || key === "Backspace") { if (marking) { const k = chosen; chosen = -1; named(k, null); } }
   else if (key === "y") guarded(confirm)();
   else if (key === "v") tick("show-template");
+  else if (key === "p") tick("show-markings");
   else if (key === "m") tick("show-heat");
   else if (key === "g") tick("show-magnifier");
   else if (key === "s") tick("snap");
@@ -403,12 +438,16 @@ const setTheme = (name) => {
   return dark;
 };
 
-const start = guarded(async () => {
+// The name of who annotates, which goes into the files: asked for once, beside the picture and in nobody's way.
+const askName = () => by("author").classList.toggle("asked", !by("author").value.trim());
+const begin = guarded(async () => {
   const told = await net.listing();
   field = told.field;
   map = new FieldMap(by("field"), field, pick);
   list = new FrameList(by("list"), by("rows"), open);
   list.frames = told.frames;
+  start = told.start;
+  drafts.begin(told.folder, told.start);
   by("folder").textContent = told.folder;
   by("format").replaceChildren(...told.formats.map((name) => make("option", { value: name, textContent: name })));
   by("scale").replaceChildren("sigma at 1920 px width: ", ...circlecalCamera.SCALE.flatMap((limit, k) => {
@@ -419,7 +458,8 @@ const start = guarded(async () => {
   setTheme(null);
   const wanted = decodeURIComponent(location.hash.slice(1)), found = list.frames.findIndex((f) => f[0] === wanted);
   listed();
-  const first = list.shown.find((k) => isToDo(list.frames[k])) ?? list.shown[0];
+  const unsavedIds = drafts.ids(), drafted = list.frames.findIndex((f) => unsavedIds.includes(f[0]));
+  const first = drafted >= 0 ? drafted : list.shown.find((k) => isToDo(list.frames[k])) ?? list.shown[0];
   await open(found < 0 ? first : found);
   document.body.dataset.ready = "yes";
 });
@@ -433,20 +473,20 @@ by("next").addEventListener("click", () => list.step(1));
 by("next-refused").addEventListener("click", nextToDo);
 by("kind").addEventListener("change", listed);
 by("search").addEventListener("input", listed);
-for (const id of ["show-template", "show-heat"]) by(id).addEventListener("change", draw);
+for (const id of ["show-template", "show-markings", "show-heat"]) by(id).addEventListener("change", draw);
 by("show-magnifier").addEventListener("change", () => { stage.magnify = by("show-magnifier").checked; stage.magnifier.hidden ||= !stage.magnify; });
 by("fit").addEventListener("click", () => stage.fit());
 by("larger").addEventListener("click", () => stage.zoomAt(1.4));
 by("smaller").addEventListener("click", () => stage.zoomAt(1 / 1.4));
 by("note").addEventListener("change", keepNote);
 by("note").addEventListener("input", () => { clearTimeout(typing); typing = setTimeout(keepNote, SETTLE_MS); });
-addEventListener("beforeunload", (event) => { if (annotation) takeTyped(); if (unsaved || saving) event.preventDefault(); });
+addEventListener("beforeunload", (event) => { if (annotation) takeTyped(); if ((unsaved || saving) && !isLeaving) event.preventDefault(); });
 by("flag").addEventListener("change", () => change((a) => { a.flag = by("flag").value || null; }));
 by("reset").addEventListener("click", guarded(async () => {
   const at = index, measured = await net.measured(at);
   if (at !== index) return;
   chosen = -1; active = null;
-  change((a) => { a.markings = measured; a.flag = null; a.settings = {}; });
+  change((a) => { a.markings = measured; a.flag = null; a.settings = {}; a.confirmed = false; });
   fill();
 }));
 by("theme").addEventListener("click", () => setTheme(setTheme(null) && document.documentElement.dataset.theme !== "light" ? "light" : document.documentElement.dataset.theme === "light" ? "dark" : "dark"));
@@ -463,15 +503,32 @@ by("export").addEventListener("click", guarded(async () => {
   if (by("format").value !== "workbench") by("saved").textContent = "exported; its points lie on the middle of the paint, as it says itself: circlecal reads it back as it is";
   tellLines("Exported, but for this", leftOut);
 }));
-by("import").addEventListener("change", guarded(async () => {
-  const [file] = by("import").files;
-  if (!file || !(await isSaved())) return;
-  const at = index, before = annotation && content(), revision = annotation?.revision;
-  let told;
-  try { told = await net.takeIn(file); } finally { by("import").value = ""; }  // so that it can be chosen again
+const takeIn = guarded(async (files) => {
+  if (!files.length || !(await isSaved())) return;
+  const at = index, before = annotation && content(), revision = annotation?.revision, warnings = [];
+  let taken = 0, unknown = 0, failure = null;
+  for (const file of files) {
+    try {
+      const told = await net.takeIn(file);
+      taken += told.taken; unknown += told.unknown; warnings.push(...told.warnings);
+    } catch (error) {
+      if (error.isOffline || files.length === 1) { failure = error; break; }
+      warnings.push(error.message);
+    }
+  }
+  if (failure) throw failure;
   list.frames = (await net.listing()).frames;
-  tellLines("Taken in, but for this", told.warnings);
-  await open(index, `${told.taken} taken in, ${told.unknown} unknown`);
+  tellLines("Taken in, but for this", warnings);
+  await open(index, `${taken} taken in, ${unknown} unknown`);
   if (before && at === index && annotation?.revision !== revision) { past.push(before); tell(); }
-}));
-start();
+});
+by("import").addEventListener("change", async () => {
+  const files = [...by("import").files];
+  try { await takeIn(files); } finally { by("import").value = ""; }  // so that it can be chosen again
+});
+document.addEventListener("dragover", (event) => { if (event.dataTransfer?.types.includes("Files")) { event.preventDefault(); document.body.classList.add("dropping"); } });
+document.addEventListener("dragleave", (event) => { if (!event.relatedTarget) document.body.classList.remove("dropping"); });
+document.addEventListener("drop", (event) => { document.body.classList.remove("dropping"); if (event.dataTransfer?.files.length) { event.preventDefault(); takeIn([...event.dataTransfer.files]); } });
+try { by("author").value = localStorage.getItem(AUTHOR) || ""; } catch { /* a browser that keeps nothing */ }
+by("author").addEventListener("change", () => { askName(); try { localStorage.setItem(AUTHOR, by("author").value.trim()); } catch { /* as above */ } });
+begin();
