@@ -17,7 +17,7 @@ from circlecal.formats.annotation import AnnotatedMarking, Annotation, markings_
 from circlecal.geometry.conic_fits import fit_conic
 from circlecal.geometry.ellipses import Ellipse, ellipse_from_conic, orthogonal_distance
 from circlecal.geometry.projective import Array
-from circlecal.observations import LinePoints, Observations
+from circlecal.observations import LinePoints, MarkingKey, Observations
 from circlecal.paint.bands import measure_bands, rise_above_noise
 from circlecal.paint.lines import ONE_ROUND, TWO_ROUNDS, measure_lines
 from circlecal.paint.profiles import estimate_noise, sample_profiles, smooth_along, to_gray
@@ -115,7 +115,8 @@ def measure_picture(picture: NDArray[np.uint8], config: Config, frame: PictureFi
 
 
 def begin_annotation(measured: MeasuredPicture, config: Config, frame: PictureFile) -> Annotation:
-    """An annotation that holds what was measured, with the names that an accepted calibration gave.
+    """An annotation that holds what was measured, with the names that an accepted calibration gave; what it left out
+    since it contradicts the rest is not used, as it was not there.
 
     Where no circle was believed, ellipses that may be one are offered and not used.
     """
@@ -124,9 +125,14 @@ def begin_annotation(measured: MeasuredPicture, config: Config, frame: PictureFi
     if seen is None:
         markings = [*_lines_of_mask(measured, config), *_find_curves(measured)]
     else:
-        names = camera.names_by_line if camera is not None and found.status == "calibrated" else {}
+        accepted = camera if found.status == "calibrated" else None
+        names = {} if accepted is None else accepted.names_by_line
+        left_out = () if accepted is None else accepted.rejected
         lines = tuple(replace(line, line=line.line or names.get(k)) for k, line in enumerate(seen.lines))
-        markings = markings_of(replace(seen, lines=lines), "measured")
+        markings = [
+            marking.model_copy(update={"used": _key_of(marking) not in left_out})
+            for marking in markings_of(replace(seen, lines=lines), "measured")
+        ]
     template, circle = field_of(config)
     return Annotation(
         id=frame.id,
@@ -140,6 +146,10 @@ def begin_annotation(measured: MeasuredPicture, config: Config, frame: PictureFi
         placed=found.attempt.is_placed,
         markings=markings,
     )
+
+
+def _key_of(marking: AnnotatedMarking) -> MarkingKey:
+    return MarkingKey(marking.name or "", marking.edge if marking.kind == "curve" else None)
 
 
 def _lines_of_mask(measured: MeasuredPicture, config: Config) -> list[AnnotatedMarking]:

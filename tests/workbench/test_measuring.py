@@ -13,10 +13,20 @@ from circlecal.field.view import FieldView
 from circlecal.formats.annotation import AnnotatedMarking, Annotation
 from circlecal.geometry.camera import Camera, camera_from_soccernet, image_center
 from circlecal.geometry.surface import Surface
+from circlecal.observations import MarkingKey
 from circlecal.pictures.files import PictureFile, read_image
 from circlecal.pipeline import field_of
 from circlecal.refusals import REFUSALS
-from circlecal.workbench.answers import ADVICE, TAKE_AWAY, answer, continues, describe, distance_to_polyline
+from circlecal.workbench.answers import (
+    ADVICE,
+    ONE_OF_THEM,
+    TAKE_AWAY,
+    answer,
+    continues,
+    describe,
+    distance_to_polyline,
+)
+from circlecal.workbench.doubts import find_wrong_name
 from circlecal.workbench.interpretations import Interpretation, _lines_beside, _Search, interpret, name_marking
 from circlecal.workbench.measuring import (
     begin_annotation,
@@ -252,7 +262,9 @@ def test_the_advice_for_a_wrong_click_is_to_take_it_away(begun):
     told = answer(right.model_copy(update={"markings": [*right.markings, wrong]}), Config(), nameless=False)
     shown = describe(told)
     assert shown["status"] == "refused" and any(marking["contradicts"] for marking in shown["markings"])
-    assert shown["missing"] == TAKE_AWAY
+    assert shown["missing"] in (ONE_OF_THEM, f"The name halfway line contradicts the rest. {TAKE_AWAY}")
+    found = find_wrong_name(told.annotation, begun, Config())
+    assert found is not None and found.name == "halfway_line" and TAKE_AWAY in found.tell()
 
 
 def test_no_advice_of_the_page_needs_the_command_line():
@@ -307,3 +319,16 @@ def marked(camera: Camera, name: str, kind: str, places: np.ndarray) -> Annotate
     return AnnotatedMarking(
         name=name, kind=kind, points_px=points.tolist(), sigma_px=[0.08] * len(points), source="measured"
     )
+
+
+def test_what_an_accepted_calibration_left_out_is_not_used(frame_image):
+    file = PictureFile("good", Path("good.png"), "good")
+    measured = measure_picture(frame_image, Config(), file)
+    assert measured.found.status == "calibrated"
+    used = {marking.name for marking in begin_annotation(measured, Config(), file).markings if marking.used}
+    assert "side_line_top" in used
+    attempt = measured.found.attempt
+    camera = replace(attempt.camera, rejected=(MarkingKey("side_line_top", None),))
+    found = replace(measured.found, attempt=replace(attempt, camera=camera))
+    begun = begin_annotation(replace(measured, found=found), Config(), file)
+    assert {marking.name for marking in begun.markings if not marking.used} == {"side_line_top"}
