@@ -80,6 +80,19 @@ def test_lines_of_a_hall_are_as_wide_as_they_are_painted():
     assert check.value > 1.2 * check.limit
 
 
+@pytest.mark.parametrize(("name", "seed"), [("futsal", 1), ("handball", 2)])
+def test_a_hall_of_another_size_is_measured(name, seed):
+    """A futsal hall of 36 x 18 m was refused as a robots' field, a handball hall was calibrated 70 px off."""
+    hall = load_field(name, {"length": 36.0, "width": 18.0})
+    rendered = render_frame("wood", np.random.default_rng(seed), 960, 540, hall)
+    found = calibrate_image(rendered.image, load_config(None, {"field.template": name}), frame_id="hall")
+    assert found.status == "calibrated"
+    places = hall.outlines[1].reshape(-1, 2)
+    true = rendered.truth.view.project(places)
+    seen = ((true > 0) & (true < (960, 540))).all(axis=1)
+    assert np.linalg.norm(found.view.project(places) - true, axis=1)[seen].mean() < 4.0
+
+
 def test_a_touchline_that_the_halfway_line_ends_beside_carries_no_camera():
     """A futsal court that was named handball was calibrated 50 px off; its line ended 2.6 m before a touchline."""
     picture = render_frame("wood", np.random.default_rng(1000), 960, 540, load_field("futsal")).image
