@@ -68,8 +68,13 @@ class SigmaLimits:
         return cls(config.max_sigma_px, min(mean_px, max(MEAN_SIGMA_PX, MEAN_SHARE * mean_px)))
 
 
-def answer_shot(entries: list[Entry], count: int, limits: SigmaLimits) -> Iterator[TrackedFrame]:
-    """The first frames of one shot, after all of them were smoothed together."""
+def answer_shot(
+    entries: list[Entry], count: int, limits: SigmaLimits, *, has_cameras: bool = True
+) -> Iterator[TrackedFrame]:
+    """The first frames of one shot, after all of them were smoothed together.
+
+    A frame in which no camera was found is refused as ``lost``, or as ``no_tripod`` where there was none to be found.
+    """
     if not entries:
         return
     tracked = [k for k, entry in enumerate(entries) if entry.place is not None]
@@ -79,8 +84,9 @@ def answer_shot(entries: list[Entry], count: int, limits: SigmaLimits) -> Iterat
         found = smooth_robustly(_chain_of(part), np.array([_pull_of(entry) for entry in part]), _spread_of(part))
         smoothed |= dict(zip(run, zip(found.heads, found.covariances, found.by_common, strict=True), strict=True))
     support = _count_to_confirmation(entries)
+    unfound = "lost" if has_cameras else "no_tripod"
     for k, entry in enumerate(entries[:count]):
-        yield _refusal(entry, "lost") if k not in smoothed else _answer_frame(entry, *smoothed[k], support[k], limits)
+        yield _refusal(entry, unfound) if k not in smoothed else _answer_frame(entry, *smoothed[k], support[k], limits)
 
 
 def _pull_of(entry: Entry) -> Array:

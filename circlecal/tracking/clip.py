@@ -50,7 +50,7 @@ def track_frames(
 
     def answer(count: int) -> list[TrackedFrame]:
         with clock.measure("smoothing"):
-            return list(answer_shot(waiting, count, limits))
+            return list(answer_shot(waiting, count, limits, has_cameras=bool(venue.tripods)))
 
     for frame in frames:
         if config.mask.deinterlace:

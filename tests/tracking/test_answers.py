@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from circlecal.config import load_config
+from circlecal.config import Config, load_config
 from circlecal.overlay.template_lines import count_sigma_from_seen
 from circlecal.pipeline import field_of
-from circlecal.rig.tripod import COMMON, PLACE
+from circlecal.rig.tripod import COMMON, PLACE, Venue
 from circlecal.tracking.answers import DRIFT_SD, SigmaLimits, _chain_of, answer_shot
-from circlecal.tracking.entry import Entry
+from circlecal.tracking.clip import track_frames
+from circlecal.tracking.entry import ClipFrame, Entry
 from circlecal.tracking.looking import LookedAt, Place
 from circlecal.tracking.motion import HeadMotion
 from circlecal.tracking.records import RecordForm, record_of_track
@@ -39,6 +40,13 @@ def test_a_broad_marking_that_is_not_there_refuses_its_frame() -> None:
     assert [(frame.status, frame.code) for frame in answered] == [
         ("calibrated", None), ("refused", "paint_missing"), ("calibrated", None),
     ]  # fmt: skip
+
+
+def test_frames_of_a_clip_without_any_camera_say_so() -> None:
+    frame = ClipFrame(0, 0.0, np.full((120, 160, 3), 90, np.uint8))
+    lost, unknown = (next(track_frames([frame], Venue("soccer", cameras), Config())) for cameras in ((tripod(),), ()))
+    assert (lost.code, unknown.code) == ("lost", "no_tripod")
+    assert unknown.reason == "no camera of the clip is known"
 
 
 def test_a_frame_without_paint_follows_the_tripod_as_its_neighbours_do() -> None:
