@@ -58,19 +58,21 @@ def audit(
     chosen = options.parse_size(size)
     frames = audit_frames(read_keypoints(keypoints, chosen), center.value, options.choose_config(config, settings))
     by_pair = distances_by_pair(frames)
+    told = f"centre: {center.value}, {chosen[0]}x{chosen[1]}"
     if plot is not None:
-        plot_distances(by_pair, plot, f"Opposed keypoints of the circle, centre: {center.value}")
+        plot_distances(by_pair, plot, f"Opposed keypoints of the circle, {told}")
     if as_json:
         for frame in frames:
             distances = {f"{a}-{b}": round(d, 4) for (a, b), d in frame.distances_px.items()}
             console.print_json(json.dumps({"id": frame.id, "distances_px": distances, "reason": frame.reason}))
         return
     if not no_frames:
-        _print_frames(frames)
-    _print_pairs(pair_rows(by_pair))
+        _print_frames(frames, told)
+    _print_pairs(pair_rows(by_pair), told)
 
 
-def _print_frames(frames: list[AuditedFrame]) -> None:
+def _print_frames(frames: list[AuditedFrame], told: str) -> None:
+    """Distances of every frame, under whose centre it is and the size of picture whose pixels they are."""
     from circlecal.cli import console
     from circlecal.evaluation.audit import OPPOSED
 
@@ -78,14 +80,15 @@ def _print_frames(frames: list[AuditedFrame]) -> None:
     for frame in frames:
         cells = [console.number(frame.distances_px.get(pair), 1) for pair in OPPOSED]
         rows.append([frame.id, *cells, frame.reason or ""])
-    console.print_table("Distance of the centre, px", ["id", *(f"{a}-{b}" for a, b in OPPOSED), ""], rows)
+    console.print_table(f"Distance of the centre, px ({told})", ["id", *(f"{a}-{b}" for a, b in OPPOSED), ""], rows)
 
 
-def _print_pairs(pairs: list[PairRow]) -> None:
+def _print_pairs(pairs: list[PairRow], told: str) -> None:
+    """Figures of every opposed pair; the row of all counts a frame once for each pair that it shows."""
     from circlecal.cli import console
 
-    columns = ["keypoints", "frames", "mean px", "median px", "90 % px", "largest px"]
+    columns = ["keypoints", "distances", "mean px", "median px", "90 % px", "largest px"]
     rows = [
-        [p.pair, str(p.frames), *(f"{v:.2f}" for v in (p.mean_px, p.median_px, p.p90_px, p.largest_px))] for p in pairs
+        [p.pair, str(p.count), *(f"{v:.2f}" for v in (p.mean_px, p.median_px, p.p90_px, p.largest_px))] for p in pairs
     ]
-    console.print_table("Distance of the centre from the line through opposed keypoints", columns, rows)
+    console.print_table(f"Distance of the centre from the line through opposed keypoints ({told})", columns, rows)

@@ -53,10 +53,10 @@ class AuditedFrame:
 
 @dataclass(frozen=True, slots=True)
 class PairRow:
-    """Distances of one opposed pair, or of all, over the frames that have it."""
+    """Distances of one opposed pair, or of all, over the frames that have it, and how many distances these are."""
 
     pair: str
-    frames: int
+    count: int
     mean_px: float
     median_px: float
     p90_px: float

@@ -39,6 +39,9 @@ def test_tables_with_either_center(run_circlecal, keypoints):
         assert outcome.code == 0, outcome
         assert "50-52" in outcome.out
         assert "median px" in outcome.out
+        assert outcome.out.count(f"(centre: {center}, 1920x1080)") == 2
+        assert "all\t12\t" in outcome.out  # six opposed pairs of two frames
+        assert "distances\tmean px" in outcome.out
         assert run_circlecal("audit", keypoints, "--center", center, "--no-frames").out in outcome.out
     assert "Leave out the table of the frames" in run_circlecal("audit", "--help").out
 

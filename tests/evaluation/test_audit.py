@@ -78,5 +78,5 @@ def test_figures(config):
     assert rows["32-35"].median_px == pytest.approx(2)
     assert rows["32-35"].mean_px == pytest.approx(3)
     assert rows["32-35"].largest_px == pytest.approx(6)
-    assert rows["all"].frames == 3 * len(OPPOSED)
+    assert rows["all"].count == 3 * len(OPPOSED)
     assert pair_rows({}) == []
