@@ -123,6 +123,23 @@ def test_both_ways(good, frame_camera):
     assert good.to_field(grid).shape == grid.shape
 
 
+def test_how_well_pixels_are_known_enters_where_it_is_told(good):
+    """The scatter of places of pixels that are off by so much, beside what the camera leaves open."""
+    pixels = np.array([[480.0, 270.0], [600.0, 150.0]])
+    alone, clicked = (good.field_covariance(pixels, point_sigma_px=px) for px in (0.0, 2.0))
+    drawn = good.to_field(pixels + np.random.default_rng(3).normal(0.0, 2.0, (4000, 2, 2)))
+    for point in range(2):
+        scatter = np.cov(drawn[:, point].T)
+        assert np.abs(clicked[point] - alone[point] - scatter).max() < 0.1 * np.trace(scatter)
+    spread = good.to_field(pixels, sigma=True, point_sigma_px=2.0).sigma
+    assert np.allclose(spread, np.sqrt(np.trace(clicked, axis1=1, axis2=2)))
+    each = good.to_field(pixels, sigma=True, point_sigma_px=[0.0, 2.0]).sigma
+    assert np.allclose(each, [good.to_field(pixels, sigma=True).sigma[0], spread[1]])
+    for wrong in (-1.0, np.nan, np.inf, [1.0, 2.0, 3.0]):
+        with pytest.raises(ValueError, match="point_sigma_px"):
+            good.to_field(pixels, sigma=True, point_sigma_px=wrong)
+
+
 def test_nan_where_the_field_is_not_seen(good):
     above = good.to_field([[480, -3000], [480, 270]], sigma=True)
     assert np.isnan(above.points[0]).all() and np.isnan(above.sigma[0])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import weakref
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, overload
 
@@ -192,21 +192,26 @@ class Calibration:
         points = _points(points_m)
         return np.full((*points.shape, 2), np.nan) if self.view is None else self.view.image_covariance(points)
 
-    def field_covariance(self, points_px: PointsLike) -> Array:
+    def field_covariance(self, points_px: PointsLike, *, point_sigma_px: PointsLike = 0.0) -> Array:
         """Covariances (..., 2, 2), square metres, of the field points seen at pixels (..., 2); nan where not known.
 
-        ``to_field(points_px, sigma=True).sigma`` is the root of their traces. Points of another shape are a ValueError.
+        ``to_field(points_px, sigma=True, point_sigma_px=...).sigma`` is the root of their traces, and raises alike.
         """
         points = _points(points_px)
-        return np.full((*points.shape, 2), np.nan) if self.view is None else self.view.field_covariance(points)
+        own = _point_sigma(point_sigma_px, points)
+        return np.full((*points.shape, 2), np.nan) if self.view is None else self.view.field_covariance(points, own)
 
     @overload
     def to_field(self, points_px: PointsLike, *, sigma: Literal[False] = False) -> Array: ...
 
     @overload
-    def to_field(self, points_px: PointsLike, *, sigma: Literal[True]) -> SurePoints: ...
+    def to_field(
+        self, points_px: PointsLike, *, sigma: Literal[True], point_sigma_px: PointsLike = 0.0
+    ) -> SurePoints: ...
 
-    def to_field(self, points_px: PointsLike, *, sigma: bool = False) -> Array | SurePoints:
+    def to_field(
+        self, points_px: PointsLike, *, sigma: bool = False, point_sigma_px: PointsLike = 0.0
+    ) -> Array | SurePoints:
         """What points of the field are seen at pixels, such as where the feet of players are.
 
         Parameters
@@ -214,7 +219,12 @@ class Calibration:
         points_px : (..., 2) array
             Pixels of the picture; those that a masked array hides are nowhere, nan.
         sigma : bool
-            Whether to return their standard deviations too.
+            Whether to return their standard deviations too: what the camera leaves open of the place that these pixels
+            show.
+        point_sigma_px : float or (...,) array
+            How well the pixels themselves are known, such as the feet that somebody clicked or a detector found: one
+            standard deviation along x and along y, which the standard deviations then hold too. From main cameras 2 px
+            are about a decimetre in the middle of the pitch and several at its far touchline.
 
         Returns
         -------
@@ -225,9 +235,12 @@ class Calibration:
         Raises
         ------
         ValueError
-            The last axis does not hold two numbers.
+            The last axis does not hold two numbers; or a pixel is known to a standard deviation that is negative, not
+            finite or of another shape than the pixels.
         """
-        return self._answer(points_px, None if self.view is None else self.view.to_field, sigma)
+        own = _point_sigma(point_sigma_px, _points(points_px))
+        view = self.view
+        return self._answer(points_px, None if view is None else partial(view.to_field, point_sigma_px=own), sigma)
 
     @staticmethod
     def _answer(points: PointsLike, convert: Any, sigma: bool, entries: tuple[int, ...] = (2,)) -> Array | SurePoints:
@@ -650,6 +663,19 @@ def _points(points: PointsLike, entries: tuple[int, ...] = (2,)) -> Array:
         allowed = " or ".join(f"(..., {n})" for n in entries)
         raise ValueError(f"points must be of shape {allowed}, not {given.shape}")
     return given
+
+
+def _point_sigma(given: PointsLike, points: Array) -> Array:
+    """How well each of the points (..., 2) is known, (...,)."""
+    sigma = np.asarray(given, dtype=np.float64)
+    if not (np.isfinite(sigma).all() and (sigma >= 0.0).all()):
+        raise ValueError("point_sigma_px must be finite and not negative")
+    try:
+        return np.broadcast_to(sigma, points.shape[:-1])
+    except ValueError:
+        raise ValueError(
+            f"point_sigma_px must be a number, or one for each of {points.shape[:-1]} points, not {sigma.shape}"
+        ) from None
 
 
 def _array(value: Matrix | None) -> Array | None:

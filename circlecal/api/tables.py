@@ -23,6 +23,11 @@ from circlecal.records.record import ResultRecord
 NO_SUCH_FRAME = "no such frame"
 SEVERAL_CLIPS = "several clips have frames of such numbers; give its id, or a column video"
 OUTSIDE = "outside the field"
+OUTSIDE_PICTURE = "outside the picture"
+EDGE_PX = 1.0
+"""A point that lies so far outside the centres of the outermost pixels is in the picture: its border is half a pixel
+further out, and boxes of detectors end a whole one further.
+"""
 _COLUMNS = ("frame", "x", "y")
 _VIDEO = "video"
 _DELIMITER_NAMES = {",": "comma", ";": "semicolon", "\t": "tab"}
@@ -114,7 +119,9 @@ def _point_of(cells: list[str], table: Table, where: str) -> TablePoint:
     return TablePoint(from_cell(frame), place[0], place[1], tuple(cells), from_cell(video.strip()))
 
 
-def project_table(results: Path, points: list[TablePoint], to: Literal["field", "image"]) -> Iterator[ProjectedPoint]:
+def project_table(
+    results: Path, points: list[TablePoint], to: Literal["field", "image"], point_sigma_px: float = 0.0
+) -> Iterator[ProjectedPoint]:
     """Take points to the field (metres) or into their pictures (pixels), in the order in which they were given.
 
     Parameters
@@ -125,6 +132,8 @@ def project_table(results: Path, points: list[TablePoint], to: Literal["field", 
         Pixels for ``field``, metres for ``image``. A frame that is no id is the number of one in the tracked clip.
     to : {"field", "image"}
         Where to.
+    point_sigma_px : float
+        How well pixels that are taken to the field are known, one standard deviation along x and along y.
 
     Raises
     ------
@@ -136,11 +145,11 @@ def project_table(results: Path, points: list[TablePoint], to: Literal["field", 
     answers: dict[int, ProjectedPoint] = {}
     numbered: dict[int, ProjectedPoint] = {}
     for record in read_records(results):
-        answers |= _project_of(record, points, by_id.get(record.id, []), to)
+        answers |= _project_of(record, points, by_id.get(record.id, []), to, point_sigma_px)
         if record.track is not None:
             meant = clips.add(record.path or "")
             of_number = [k for k in by_number.get(record.track.frame, []) if points[k].video in meant]
-            numbered |= _project_of(record, points, of_number, to)
+            numbered |= _project_of(record, points, of_number, to, point_sigma_px)
     for index, point in enumerate(points):
         found = numbered.get(index)
         if found is not None and clips.count(point.video) > 1:
@@ -191,29 +200,39 @@ def _group_points(points: list[TablePoint]) -> tuple[dict[str, list[int]], dict[
 
 
 def _project_of(
-    record: ResultRecord, points: list[TablePoint], indices: list[int], to: Literal["field", "image"]
+    record: ResultRecord,
+    points: list[TablePoint],
+    indices: list[int],
+    to: Literal["field", "image"],
+    point_sigma_px: float,
 ) -> dict[int, ProjectedPoint]:
     """Some of the points, by their places in the list, with one record."""
-    return dict(zip(indices, project_points(record, [points[k] for k in indices], to), strict=True))
+    own = [points[k] for k in indices]
+    return dict(zip(indices, project_points(record, own, to, point_sigma_px), strict=True))
 
 
 def project_points(
-    record: ResultRecord, points: list[TablePoint], to: Literal["field", "image"]
+    record: ResultRecord, points: list[TablePoint], to: Literal["field", "image"], point_sigma_px: float = 0.0
 ) -> list[ProjectedPoint]:
-    """Take points of one frame to the field (metres) or into its picture (pixels)."""
+    """Take points of one frame to the field (metres), where its pixels are known to a standard deviation of their own,
+    or into its picture (pixels).
+    """
     view = record.view
     if not points:
         return []
     if record.status != "calibrated" or view is None:
         return [ProjectedPoint(p, np.nan, np.nan, np.nan, explain_no_view(record)) for p in points]
     given = np.array([(p.x, p.y) for p in points])
-    found = (view.to_field if to == "field" else view.project)(given, sigma=True)
+    to_field = to == "field"
+    found = view.to_field(given, True, point_sigma_px) if to_field else view.project(given, sigma=True)
     sigma = np.full(len(points), np.nan) if found.sigma is None else found.sigma
-    outside = _are_outside(record, found.points if to == "field" else given)
-    nowhere = "on or above the horizon" if to == "field" else "behind the camera"
+    in_picture = view.shows(given if to_field else found.points, EDGE_PX).tolist()
+    off_field = _are_outside(record, found.points if to_field else given).tolist()
+    nowhere = "on or above the horizon" if to_field else "behind the camera"
+    places = zip(points, found.points.tolist(), sigma.tolist(), strict=True)
     return [
-        ProjectedPoint(p, place[0], place[1], spread, _note(p, place[0], nowhere, out))
-        for p, place, spread, out in zip(points, found.points.tolist(), sigma.tolist(), outside.tolist(), strict=True)
+        ProjectedPoint(p, place[0], place[1], spread, _note(p, place[0], nowhere, off_field[k], in_picture[k]))
+        for k, (p, place, spread) in enumerate(places)
     ]
 
 
@@ -224,10 +243,13 @@ def explain_no_view(record: ResultRecord) -> str:
     return f"the key {'image' if record.image is None else 'H_image_field'} is missing"
 
 
-def _note(given: TablePoint, place: float, nowhere: str, is_outside: bool) -> str:
+def _note(given: TablePoint, place: float, nowhere: str, is_off_field: bool, is_in_picture: bool) -> str:
+    """What is to be said of a point: that it is nowhere, or lies outside field or picture."""
     if not np.isfinite(given.x):
         return "no point given"
-    return OUTSIDE * is_outside if np.isfinite(place) else nowhere
+    if not np.isfinite(place):
+        return nowhere
+    return " and ".join([OUTSIDE] * is_off_field + [OUTSIDE_PICTURE] * (not is_in_picture))
 
 
 def _are_outside(record: ResultRecord, points_m: ArrayLike) -> Array:

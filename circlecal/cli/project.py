@@ -57,6 +57,17 @@ def project(
         ),
     ] = None,
     to: Annotated[Target, typer.Option("--to", help="field: pixels to metres; image: metres to pixels.")],
+    point_sigma: Annotated[
+        float,
+        typer.Option(
+            "--point-sigma",
+            metavar="PX",
+            min=0.0,
+            help="How well the pixels themselves are known: one standard deviation along x and along y, which sigma "
+            "then holds too. Without it sigma is that of the camera alone.",
+            show_default=False,
+        ),
+    ] = 0.0,
     as_json: options.Json = False,
     quiet: options.QuietNotes = False,
     verbose: options.Verbose = False,
@@ -70,10 +81,14 @@ def project(
     from circlecal.records.log import is_log
 
     console.configure_logging(quiet=quiet, verbose=verbose)
+    if math.isinf(point_sigma):
+        raise InputError("--point-sigma takes a finite number of pixels")
+    if point_sigma and to is Target.IMAGE:
+        raise InputError("--point-sigma is how well pixels are known, for --to field; --to image is given metres")
     if points is not None:
         if coordinates:
             raise InputError("project takes X Y [X Y ...] or --points, not both")
-        _project_table(result, points, to, as_json=as_json)
+        _project_table(result, points, to, point_sigma, as_json=as_json)
         return
     if not coordinates or len(coordinates) % 2 or not all(map(math.isfinite, coordinates)):
         raise InputError("project takes finite numbers in pairs: X Y [X Y ...]")
@@ -89,7 +104,7 @@ def project(
         console.print_error(f"{result}: {stored.id} was refused, so nothing can be projected: {stored.reason}")
         raise typer.Exit(1)
     given = [TablePoint(stored.id, x, y) for x, y in zip(coordinates[::2], coordinates[1::2], strict=True)]
-    found = project_points(stored, given, to.value)
+    found = project_points(stored, given, to.value, point_sigma)
     if not quiet:
         _note_open_size(stored)
     if as_json:
@@ -147,7 +162,7 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _project_table(results: Path, points: Path, to: Target, *, as_json: bool) -> None:
+def _project_table(results: Path, points: Path, to: Target, point_sigma_px: float, *, as_json: bool) -> None:
     """A table of points of many frames with the places behind its own columns, or as JSON, one line each."""
     from circlecal.api.tables import NO_SUCH_FRAME, project_table, read_points
     from circlecal.cli import console
@@ -159,10 +174,14 @@ def _project_table(results: Path, points: Path, to: Target, *, as_json: bool) ->
     given_unit, unit = to.units
     names = (f"x_{given_unit}", f"y_{given_unit}", f"x_{unit}", f"y_{unit}", f"sigma_{unit}", "note")
     table = read_points(io.StringIO(text, newline=""), name, names if as_json else names[2:])
+    if to is Target.IMAGE and "z" in table.columns:
+        console.print_note(
+            f"{name}: the column z is not read, points are taken to lie on the field; to_image of Python takes z"
+        )
     if not as_json:
         console.print_row([*table.columns, *names[2:]], table.delimiter)
     is_known = not table.points
-    for found in project_table(results, table.points, to.value):
+    for found in project_table(results, table.points, to.value, point_sigma_px):
         is_known = is_known or found.note != NO_SUCH_FRAME
         place = (found.x, found.y, found.sigma)
         if as_json:

@@ -89,9 +89,9 @@ class FieldView(ShortRepr):
     def to_field(self, points_px: ArrayLike, sigma: Literal[False] = False) -> Array: ...
 
     @overload
-    def to_field(self, points_px: ArrayLike, sigma: Literal[True]) -> Projected: ...
+    def to_field(self, points_px: ArrayLike, sigma: Literal[True], point_sigma_px: ArrayLike = 0.0) -> Projected: ...
 
-    def to_field(self, points_px: ArrayLike, sigma: bool = False) -> Array | Projected:
+    def to_field(self, points_px: ArrayLike, sigma: bool = False, point_sigma_px: ArrayLike = 0.0) -> Array | Projected:
         """What points of the field are seen at pixels.
 
         Parameters
@@ -100,6 +100,8 @@ class FieldView(ShortRepr):
             Pixels of the stored picture.
         sigma : bool
             Whether their standard deviations are returned too.
+        point_sigma_px : float or (...,) array
+            How well the pixels themselves are known, one standard deviation along x and along y, which enters these.
 
         Returns
         -------
@@ -109,17 +111,19 @@ class FieldView(ShortRepr):
         """
         pixels = np.asarray(points_px, dtype=np.float64)
         points = self.camera.back_project(pixels, self.surface)
-        return Projected(points, self._sigma(points, pixels, 1)) if sigma else points
+        return Projected(points, self._sigma(points, pixels, 1, point_sigma_px)) if sigma else points
 
     def image_covariance(self, points_m: ArrayLike) -> Array:
         """Covariances (..., 2, 2), pixels squared, of where field points (..., 2) are seen; nan where not known."""
         points = np.asarray(points_m, dtype=np.float64)
         return self._covariance(points, self.project(points), 0)
 
-    def field_covariance(self, points_px: ArrayLike) -> Array:
-        """Covariances (..., 2, 2), square metres, of the field points seen at pixels (..., 2); nan where not known."""
+    def field_covariance(self, points_px: ArrayLike, point_sigma_px: ArrayLike = 0.0) -> Array:
+        """Covariances (..., 2, 2), square metres, of the field points seen at pixels (..., 2), which are known to a
+        standard deviation of their own, as for :meth:`to_field`; nan where not known.
+        """
         pixels = np.asarray(points_px, dtype=np.float64)
-        return self._covariance(self.to_field(pixels), pixels, 1)
+        return self._covariance(self.to_field(pixels), pixels, 1, point_sigma_px)
 
     def shows(self, points_px: ArrayLike, margin_px: float = 0.0) -> Mask:
         """Whether pixels (..., 2) lie in the picture, or at most so far outside the centres of its outermost pixels."""
@@ -179,22 +183,28 @@ class FieldView(ShortRepr):
             return self.camera.project(points_m)
         return np.where(points_m[..., 2:] == 0.0, self.camera.project(points_m), np.nan)
 
-    def _sigma(self, points_m: Array, points_px: Array, frame: Literal[0, 1]) -> Array | None:
+    def _sigma(
+        self, points_m: Array, points_px: Array, frame: Literal[0, 1], point_sigma_px: ArrayLike = 0.0
+    ) -> Array | None:
         """Standard deviations (...,) in the picture (0) or on the ground (1); nan where either point is."""
         if self.covariance is None or not isinstance(self.camera, Camera):
             return None
         seen = np.isfinite(points_m).all(axis=-1) & np.isfinite(points_px).all(axis=-1)
         sigma = np.full(seen.shape, np.nan)
         if seen.any():
-            sigma[seen] = self._projection(self.camera, points_m[seen]).sigma(self.covariance)[frame]
+            own = np.broadcast_to(point_sigma_px, seen.shape)[seen]
+            sigma[seen] = self._projection(self.camera, points_m[seen]).sigma(self.covariance, own)[frame]
         return sigma
 
-    def _covariance(self, points_m: Array, points_px: Array, frame: Literal[0, 1]) -> Array:
+    def _covariance(
+        self, points_m: Array, points_px: Array, frame: Literal[0, 1], point_sigma_px: ArrayLike = 0.0
+    ) -> Array:
         """Covariances (..., 2, 2) in the picture (0) or on the ground (1); nan where either point is, or unknown."""
         seen = np.isfinite(points_m).all(axis=-1) & np.isfinite(points_px).all(axis=-1)
         found = np.full((*seen.shape, 2, 2), np.nan)
         if seen.any() and self.covariance is not None and isinstance(self.camera, Camera):
-            found[seen] = self._projection(self.camera, points_m[seen]).covariances(self.covariance)[frame]
+            own = np.broadcast_to(point_sigma_px, seen.shape)[seen]
+            found[seen] = self._projection(self.camera, points_m[seen]).covariances(self.covariance, own)[frame]
         return found
 
     def _projection(self, camera: Camera, points_m: Array) -> Projection:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from circlecal.geometry.camera import (
     NEAREST_M,
@@ -266,12 +266,13 @@ class Projection:
             field[:, 0] += self.slope_along * world[:, 2]
         return rows, field
 
-    def sigma(self, covariance: Array) -> tuple[Array, Array]:
+    def sigma(self, covariance: Array, point_sigma_px: ArrayLike = 0.0) -> tuple[Array, Array]:
         """Standard deviations of the places of the first camera's points: (N,) pixels, and (N,) metres on the ground.
 
         Of the length of the error, that is, the root of the sum of both variances. The variance in the picture is
         ``trace(J S J^T)`` with the covariance S (P, P) of the parameters; on the ground it is that of the field point
-        that is seen at a given pixel, ``trace(F^-1 J S J^T F^-T)`` with the derivative F by the field position.
+        that is seen at a given pixel, ``trace(F^-1 (J S J^T + s^2 I) F^-T)`` with the derivative F by the field
+        position, where the pixel itself is known to a standard deviation s along x and along y, a number or (N,).
         """
         (by_x, field_x), (by_y, field_y) = (self.gradient(axis) for axis in self._axes())
         # the sizes of the markings, which come last, move no point
@@ -279,15 +280,17 @@ class Projection:
         by_x, by_y = by_x[0, own], by_y[0, own]
         pushed_x, pushed_y = covariance[own, own] @ by_x, covariance[own, own] @ by_y
         xx, xy, yy = ((a * b).sum(axis=0) for a, b in ((pushed_x, by_x), (pushed_x, by_y), (pushed_y, by_y)))
+        given_xx, given_yy = (variance + np.square(point_sigma_px) for variance in (xx, yy))
         (a, b), (c, d) = field_x[0], field_y[0]
         with np.errstate(divide="ignore", invalid="ignore"):
             # F^-1 = [[d, -b], [-c, a]] / det F
-            ground = ((d * d + c * c) * xx - 2.0 * (b * d + a * c) * xy + (a * a + b * b) * yy) / (a * d - b * c) ** 2
+            ground = (d * d + c * c) * given_xx - 2.0 * (b * d + a * c) * xy + (a * a + b * b) * given_yy
+            ground /= (a * d - b * c) ** 2
         return np.sqrt(xx + yy), np.sqrt(np.maximum(ground, 0.0))
 
-    def covariances(self, covariance: Array) -> tuple[Array, Array]:
+    def covariances(self, covariance: Array, point_sigma_px: ArrayLike = 0.0) -> tuple[Array, Array]:
         """Covariances of the places of the first camera's points: (N, 2, 2) in pixels, and (N, 2, 2) in metres of the
-        field point that is seen at a given pixel: ``J S J^T`` and ``F^-1 J S J^T F^-T``, as of :meth:`sigma`.
+        field point that is seen at a given pixel: ``J S J^T`` and ``F^-1 (J S J^T + s^2 I) F^-T``, as of :meth:`sigma`.
         """
         by_theta, by_field = (derivatives[0] for derivatives in self.jacobians())
         own = slice(0, INDEX["width"])
@@ -295,7 +298,8 @@ class Projection:
         back = np.full_like(by_field, np.nan)
         sound = np.abs(np.linalg.det(by_field)) > 0.0
         back[sound] = np.linalg.inv(by_field[sound])
-        return image, back @ image @ np.swapaxes(back, -1, -2)
+        given = image + np.square(np.asarray(point_sigma_px, dtype=np.float64))[..., None, None] * np.eye(2)
+        return image, back @ given @ np.swapaxes(back, -1, -2)
 
     def _axes(self) -> Array:
         """Unit vectors (2, B, 2, N) of the picture at every point."""

@@ -6,6 +6,7 @@ import json
 
 import pytest
 
+import circlecal
 from circlecal.api.tables import SEVERAL_CLIPS
 from circlecal.config import Config
 from circlecal.field import load_field
@@ -40,6 +41,45 @@ def test_plain_table(run_circlecal, result_file):
     assert header[:5] == ["x px", "y px", "x m", "y m", "sigma m"]
     assert len(rows) == 2
     assert all(float(row[4]) > 0 for row in rows)
+
+
+def test_sigma_holds_how_well_the_pixels_are_known_where_that_is_told(run_circlecal, result_file, tmp_path):
+    record = json.loads(result_file.read_text())
+    (tmp_path / "points.csv").write_text(f"frame,x,y\n{record['id']},480,270\n")
+
+    def sigmas(*told):
+        one = run_circlecal("project", result_file, "--to", "field", 480, 270, "--json", *told)
+        table = run_circlecal(
+            "project", result_file, "--to", "field", "--points", tmp_path / "points.csv", "--json", *told
+        )
+        return json.loads(one.out)["sigma"], json.loads(table.out)["sigma_m"]
+
+    frame = circlecal.load(result_file)
+    alone = float(frame.to_field([480, 270], sigma=True).sigma)
+    clicked = float(frame.to_field([480, 270], sigma=True, point_sigma_px=2).sigma)
+    assert clicked > 1.5 * alone
+    assert sigmas() == pytest.approx((alone, alone))
+    assert sigmas("--point-sigma", "2") == pytest.approx((clicked, clicked))
+    for wrong, told in (("-1", "greater than"), ("inf", "finite"), ("two", "number")):
+        outcome = run_circlecal("project", result_file, "--to", "field", 480, 270, "--point-sigma", wrong)
+        assert outcome.code == 2 and told in outcome.err
+    outcome = run_circlecal("project", result_file, "--to", "image", 0, 0, "--point-sigma", "2")
+    assert outcome.code == 2 and "--to field" in outcome.err
+
+
+def test_what_lies_outside_the_picture_is_noted(run_circlecal, result_file):
+    """As where clicks were made in a larger picture than the one that was calibrated."""
+    rows = run_circlecal("project", result_file, "--to", "field", -0.5, 300, 959.9, 300, 962, 300, "--json").out
+    assert [json.loads(row).get("note") for row in rows.splitlines()] == [None, None, "outside the picture"]
+    (row,) = run_circlecal("project", result_file, "--to", "image", 80, 0, "--json").out.splitlines()
+    assert json.loads(row)["note"] == "outside the field and outside the picture"
+
+
+def test_a_height_in_a_table_is_told_to_be_left_out(run_circlecal, result_file, tmp_path):
+    (tmp_path / "points.csv").write_text("frame,x,y,z\nx,0,0,-2.44\n")
+    for to, told in (("image", True), ("field", False)):
+        outcome = run_circlecal("project", result_file, "--points", tmp_path / "points.csv", "--to", to)
+        assert ("the column z is not read" in outcome.err) == told
 
 
 def test_a_frame_without_the_circle_says_from_where_sigma_counts(run_circlecal, result_file, tmp_path):
