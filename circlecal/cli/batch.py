@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from circlecal.cli import options
-from circlecal.cli.inputs import note_idle_options, note_late_start
+from circlecal.cli.inputs import note_idle_options, note_late_start, note_run_beside_files
 from circlecal.cli.plain_flags import CAMERA_AND_FIELD, OUTPUT
 from circlecal.cli.sport_hints import SportHints
 
@@ -138,6 +138,7 @@ def batch(
     note_late_start(work.videos, work.sampling)
     if not quiet:
         note_idle_options(work.frames, size, convention, to, eval_size)
+        note_run_beside_files(out, is_run=True)
     out = options.folder_of_run(out, run.digest, ask=console.can_ask() and not quiet, restart=restart)
     if files:
         exports.into(out).require_apart(frame.id for frame in work.frames)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from circlecal.cli import options
-from circlecal.cli.inputs import choose_inputs, note_idle_options
+from circlecal.cli.inputs import choose_inputs, note_idle_options, note_run_beside_files
 from circlecal.cli.sport_hints import SportHints
 
 if TYPE_CHECKING:
@@ -86,6 +86,7 @@ def calibrate(
         require_frames(inputs, frames)
     if not quiet:
         note_idle_options(frames, size, convention, to, eval_size)
+        note_run_beside_files(out, is_run=False)
     exports.require_apart(frame.id for frame in frames)
     prepare_folder(out)
     summaries: list[FrameSummary] = []

@@ -77,6 +77,29 @@ def note_idle_options(
         console.print_note("--eval-size counts for what --to writes, and no --to is given")
 
 
+def note_run_beside_files(out: Path, *, is_run: bool) -> None:
+    """Say that result files and a run are about to lie in one folder, of which all other commands read the run alone.
+
+    Parameters
+    ----------
+    out : path
+        The folder.
+    is_run : bool
+        Whether a run goes there; result files otherwise.
+    """
+    from circlecal.cli import console
+    from circlecal.records.log import RESULTS_NAME, holds_result_files
+
+    log = out / RESULTS_NAME
+    if not is_run and log.is_file():
+        told = f"holds a run; other commands read its {RESULTS_NAME} alone, and not what is written beside it"
+    elif is_run and not log.is_file() and holds_result_files(out):
+        told = f"holds results of circlecal calibrate; with a {RESULTS_NAME} beside them other commands read that alone"
+    else:
+        return
+    console.print_note(f"{out}: {told}; another --out keeps them apart")
+
+
 def note_late_start(videos: Sequence[Video], sampling: Sampling) -> None:
     """Say of which videos nothing is taken, since they end before the time that was asked for."""
     from circlecal.cli import console

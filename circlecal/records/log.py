@@ -352,6 +352,14 @@ def find_results(path: Path) -> list[Path]:
     return files
 
 
+def holds_result_files(folder: Path) -> bool:
+    """Whether a folder, which need not be there, holds a result file that can be read."""
+    try:
+        return is_folder(folder) and next(read_records(folder, ResultRow), None) is not None
+    except InputError:
+        return False
+
+
 @overload
 def read_records(path: Path) -> Iterator[ResultRecord]: ...
 

@@ -271,3 +271,17 @@ def test_a_size_of_television_is_noted_with_the_pixels_that_it_may_have(run_circ
     for aspect in ("1.422", "1"):
         told = run_circlecal("calibrate", file, "--out", tmp_path / "told", *QUICK, "--set", f"camera.aspect={aspect}")
         assert "camera.aspect" not in told.err
+
+
+def test_a_run_and_result_files_in_one_folder_are_told(run_circlecal, blank_file, tmp_path):
+    """Other commands read the run alone, so that results which lay there before seem to be gone."""
+    run, files = tmp_path / "run", tmp_path / "files"
+    for _ in range(2):  # a run that goes on has nothing to tell
+        assert "read" not in run_circlecal("batch", blank_file, "--out", run, "--workers", 1).err
+        assert "read" not in run_circlecal("calibrate", blank_file, "--out", files).err
+    assert f"{run}: holds a run" in run_circlecal("calibrate", blank_file, "--out", run).err
+    assert (
+        f"{files}: holds results of circlecal calibrate"
+        in run_circlecal("batch", blank_file, "--out", files, "--workers", 1).err
+    )
+    assert run_circlecal("calibrate", blank_file, "--out", run, "--quiet").err == ""
