@@ -54,6 +54,8 @@ def prior_settings(path: Path) -> list[str]:
         With the file, what is wrong and the mend.
     """
     content = _read_mapping(path)
+    if "venue_version" in content:
+        raise InputError(f"{path}: is a venue, which may have several cameras; --venue takes it")
     known = _from_result(path) if "schema_version" in content else content
     known = {key: value for key, value in known.items() if key not in ABOUT_KEYS}
     unknown = next((key for key in known if key not in KEYS), None)

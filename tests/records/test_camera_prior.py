@@ -41,6 +41,7 @@ def test_result_gives_position_with_its_sigma(tmp_path):
         ("position_m: [1, 60, -15]\nfoo: 1", "foo is unknown"),
         ({"schema_version": 1, "id": "a", "status": "refused", "camera": None}, "no calibrated camera"),
         ({"schema_version": 1, "status": "refused"}, "id is missing"),
+        ("venue_version: 1\nfield: soccer\ntripods: []", "--venue takes it"),
         ('{"position_m": [1, 60, -15], "k1_mean": 0.02, "k1_mean": 0.2}', 'the key "k1_mean" is given twice'),
     ],
 )

@@ -173,6 +173,17 @@ def test_damage_is_told_in_one_line(file, change, told):
     assert told in str(error.value) and str(file) in str(error.value) and "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize(
+    "content", ["position_m: [1.0, 80.0, -20.0]\n", '{"schema_version": 1, "camera": null}\n', "position: 3\n"]
+)
+def test_the_file_of_one_camera_is_told_to_be_for_another_option(tmp_path, content):
+    path = tmp_path / "camera-1.yaml"
+    path.write_text(content)
+    with pytest.raises(InputError, match="is no venue") as error:
+        read_venue(path, SOCCER)
+    assert ("--camera-prior takes" in str(error.value)) == ("position:" not in content)
+
+
 def test_a_size_must_be_one_of_the_field(tmp_path):
     """Also where the rules name no range, and where all fields are of one size."""
     path = tmp_path / "venue.yaml"
