@@ -38,6 +38,10 @@ ONE_LINE_PX, MOST_BEND = 3.0, 0.02
 by no larger share of its length: a strong broadcast lens (kappa 0.1) bends a line across the picture by 1.5 %, and the
 penalty area's line seen behind the goal area's leaves more than 10 px.
 """
+LIKELY_SHARE = 0.4
+"""A marking is probably the one that the camera puts nearest if that lies no further off than this share of the next
+one: without its line a touchline may be off by the uncertain width of the field, and the areas' lines are 13 m away.
+"""
 MARK_FITS_PX = 8.0
 """A point is probably another mark that the camera puts no further away, pixels at 1920 px width: marks are 9 m and
 more apart, and clicks on one lie within three pixels.
@@ -301,7 +305,13 @@ def _find_likely(
         return _only(near)
     kinds = template.line_by_name if marking.kind == "line" else {c.name for c in (*template.circles, *template.arcs)}
     others = {name: seen for name, seen in drawn.items() if name in kinds and name != marking.name}
-    return _find_fitting(marking.points, others, _tolerances_px(view, others, unit))
+    points = marking.points[:: max(1, len(marking.points) // FIT_SAMPLES)]
+    off = {name: float(np.quantile(distance_to_polyline(points, seen.pixels), 0.9)) for name, seen in others.items()}
+    nearest, second = sorted([*off, None, None], key=lambda name: np.inf if name is None else off[name])[:2]
+    if nearest is None or (second is not None and off[nearest] > LIKELY_SHARE * off[second]):
+        return None
+    reach = FIT_WIDEST_PX * unit + FIT_SIGMAS * place_sigma(view, others[nearest])
+    return nearest if off[nearest] < reach else None
 
 
 def _runs(points: Array) -> list[list[list[float]]]:
