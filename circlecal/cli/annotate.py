@@ -108,7 +108,7 @@ def annotate(
     folder = out or (runs[0] / ANNOTATION_FOLDER if runs else Path("circlecal-annotations"))
     if exists(folder) and not is_folder(folder):
         raise InputError(f"{folder}: is a file, not a folder; choose another --out")
-    given = unpack_inputs(inputs, folder / UNPACKED_FOLDER)
+    given = unpack_inputs(inputs, folder / UNPACKED_FOLDER, (lambda note: None) if quiet else console.print_note)
     frames = take_part(list_frames(given, sampling, chosen.limits), part)
     session = Session(frames, AnnotationStore(folder), chosen)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -176,7 +176,7 @@ def _take_once(frames: Sequence[ListedFrame]) -> list[ListedFrame]:
     return list(found.values())
 
 
-def unpack_inputs(inputs: Sequence[str], folder: Path) -> list[str]:
+def unpack_inputs(inputs: Sequence[str], folder: Path, tell: Callable[[str], None]) -> list[str]:
     """The inputs, ZIP archives of pictures and videos among them as the folders into which they were unpacked.
 
     Parameters
@@ -185,6 +185,8 @@ def unpack_inputs(inputs: Sequence[str], folder: Path) -> list[str]:
         As the user names them.
     folder : path
         Each archive has a folder of its name below it; what is there already is not written again.
+    tell : callable
+        Called with what is left out of an archive.
 
     Raises
     ------
@@ -198,9 +200,11 @@ def unpack_inputs(inputs: Sequence[str], folder: Path) -> list[str]:
             found.append(given)
             continue
         place = folder / as_stem(path.stem)
-        pictures, _ = unpack(path, given, place, lambda file: file.suffix.lower() in FRAME_SUFFIXES)
+        pictures, others = unpack(path, given, place, lambda file: file.suffix.lower() in FRAME_SUFFIXES)
         if not pictures:
             raise InputError(f"{given}: holds no picture and no video; import annotations on the page")
+        if others:
+            tell(f"{given}: {others} files in it are no pictures; drop the ZIP on the page to import annotations")
         found.append(str(place))
     return found
 

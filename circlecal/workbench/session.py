@@ -6,7 +6,7 @@ import io
 import tempfile
 import threading
 import zipfile
-from collections import Counter, OrderedDict
+from collections import Counter, OrderedDict, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
@@ -111,6 +111,7 @@ class Session:
         self.config = config
         self._held: OrderedDict[int, OpenFrame] = OrderedDict()
         self._lock = threading.Lock()
+        self._opening: defaultdict[int, threading.Lock] = defaultdict(threading.Lock)
         self._search: object = None
         known = store.known()
         listed = [self._take_up(frame) if store.path(frame.file.id).name in known else frame for frame in frames]
@@ -158,11 +159,17 @@ class Session:
             No such frame, or its picture cannot be read.
         """
         frame = self._frame(index)
+        with self._opening[index]:  # whoever else asks for it waits, instead of measuring it too
+            return self._take_held(index) or self._measure(index, frame)
+
+    def _take_held(self, index: int) -> OpenFrame | None:
         with self._lock:
             held = self._held.get(index)
             if held is not None:
                 self._held.move_to_end(index)
-                return held
+            return held
+
+    def _measure(self, index: int, frame: ListedFrame) -> OpenFrame:
         limits = self.config.limits
         file, picture = tell_pixels(frame.file, limits), picture_of(frame.file, limits)
         measured = measure_picture(picture, self.config, file)

@@ -617,3 +617,13 @@ def test_files_that_are_dropped_are_taken_in(browser, serve, folder, tmp_path):
     )
     browser.wait("document.getElementById('saved').textContent === '1 taken in, 1 unknown'")
     assert "imported" in {m["source"] for m in stored(tmp_path, "good")["markings"]}
+
+
+def test_the_next_frame_is_measured_while_one_is_looked_at(browser, serve, folder, tmp_path):
+    go_to(browser, serve(folder, "--out", tmp_path)[1], "good")
+    asked = "performance.getEntriesByType('resource').map((entry) => entry.name.split('/').slice(-2).join('/'))"
+    browser.wait(f"{asked}.some((name) => name.endsWith('/measured'))")
+    index = browser.run(
+        "return [...document.querySelectorAll('.frame')].findIndex((row) => row.ariaSelected === 'true')"
+    )
+    assert [name for name in browser.run(f"return {asked}") if name.endswith("/measured")] == [f"{index + 1}/measured"]

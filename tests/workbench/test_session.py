@@ -302,12 +302,30 @@ def test_a_zip_of_annotations_is_taken_and_what_is_refused_leaves_nothing(folder
 def test_a_zip_of_pictures_is_an_input_and_leads_nowhere_else(folder, tmp_path):
     pictures = zip_of(**{"..____..__cam1__good_dot_png": (folder / "good.png").read_bytes(), "notes_dot_txt": "x"})
     (tmp_path / "day.zip").write_bytes(pictures)
-    out = tmp_path / "out"
+    out, told = tmp_path / "out", []
     for _ in range(2):
-        given = unpack_inputs([str(tmp_path / "day.zip"), "other"], out / UNPACKED_FOLDER)
+        given = unpack_inputs([str(tmp_path / "day.zip"), "other"], out / UNPACKED_FOLDER, told.append)
     assert given == [str(out / "frames" / "day"), "other"]
+    assert all("day.zip: 1 files in it are no pictures" in note for note in told) and len(told) == 2
     assert [str(p.relative_to(tmp_path)) for p in out.rglob("*") if p.is_file()] == ["out/frames/day/cam1/good.png"]
     assert begin(out, Path(given[0])).listing()[0][0] == "cam1__good"
     (tmp_path / "empty.zip").write_bytes(zip_of(a_dot_txt="x"))
     with pytest.raises(InputError, match="holds no picture and no video"):
-        unpack_inputs([str(tmp_path / "empty.zip")], out)
+        unpack_inputs([str(tmp_path / "empty.zip")], out, told.append)
+
+
+def test_a_frame_that_two_ask_for_is_measured_once(folder, tmp_path, monkeypatch):
+    session = begin(tmp_path, folder / "good.png")
+    measured, before = [], module.measure_picture
+
+    def measure(*given):
+        measured.append(given)
+        return before(*given)
+
+    monkeypatch.setattr(module, "measure_picture", measure)
+    threads = [threading.Thread(target=session.open, args=(0,)) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(measured) == 1

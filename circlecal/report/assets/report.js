@@ -422,7 +422,7 @@
     }));
     markMoment = circlecalPage.timelines(moment, openFrame, choose);
     let theme = "";
-    window.addEventListener("beforeprint", () => { theme = document.documentElement.dataset.theme; document.documentElement.dataset.theme = "light"; print(); });
+    window.addEventListener("beforeprint", () => { theme = document.documentElement.dataset.theme; document.documentElement.dataset.theme = "light"; for (const image of document.querySelectorAll("#list img")) image.loading = "eager"; print(); });
     window.addEventListener("afterprint", () => { document.documentElement.dataset.theme = theme; element("printed").replaceChildren(); });
     window.addEventListener("hashchange", () => {
       if (!location.hash.includes("=")) return;

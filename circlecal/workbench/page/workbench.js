@@ -8,11 +8,11 @@ import * as drafts from "./drafts.js";
 const by = (id) => document.getElementById(id);
 const make = (tag, properties, ...inside) => { const node = Object.assign(document.createElement(tag), properties); node.append(...inside); return node; };
 const words = (name) => name.replaceAll("_", " ");
-const SETTLE_MS = 350, MOST_LINES = 12, AGAIN_MS = 1500, AUTHOR = "circlecal author";
+const SETTLE_MS = 350, MOST_LINES = 12, AGAIN_MS = 1500, WARM_MS = 1200, AUTHOR = "circlecal author";
 const PRIORS = [["field.sizes.length", "field length, m", 105], ["field.sizes.width", "field width, m", 68], ["camera.crown_m", "crown at the circle, m", 0.05], ["camera.k1_mean", "lens, kappa", "for its zoom"]];
 
 let field = null, map = null, list = null, index = -1, annotation = null, answer = null;
-let chosen = -1, active = null, offers = [], preview = null, unsaved = false, saving = null, settling = 0, typing = 0, opening = 0, searches = 0;
+let chosen = -1, active = null, offers = [], preview = null, unsaved = false, saving = null, settling = 0, typing = 0, warming = 0, opening = 0, searches = 0;
 let start = null, asking = 0, isLeaving = false;
 const past = [], future = [];
 
@@ -179,7 +179,15 @@ const open = guarded(async (wanted, said = "") => {
   history.replaceState(null, "", `#${encodeURIComponent(annotation.id)}`);
   takeUp();
   await offer();
+  clearTimeout(warming);
+  warming = setTimeout(warm, WARM_MS);
 });
+// The next frame is measured while this one is looked at.
+const warm = async () => {
+  const next = list.shown.find((k) => k > index && isToDo(list.frames[k])) ?? list.shown.find((k) => k > index);
+  if (next === undefined || unsaved || saving || searches) return;
+  try { await net.measured(next); } catch { /* told when it is opened */ }
+};
 // What was not saved of a frame before its server or its window ended; it was made from an earlier revision, which the
 // server compares.
 const takeUp = () => {
