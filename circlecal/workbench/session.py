@@ -160,9 +160,9 @@ class Session:
         """
         frame = self._frame(index)
         with self._opening[index]:  # whoever else asks for it waits, instead of measuring it too
-            return self._take_held(index) or self._measure(index, frame)
+            return self._find_held(index) or self._measure(index, frame)
 
-    def _take_held(self, index: int) -> OpenFrame | None:
+    def _find_held(self, index: int) -> OpenFrame | None:
         with self._lock:
             held = self._held.get(index)
             if held is not None:

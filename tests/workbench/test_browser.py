@@ -627,3 +627,19 @@ def test_the_next_frame_is_measured_while_one_is_looked_at(browser, serve, folde
         "return [...document.querySelectorAll('.frame')].findIndex((row) => row.ariaSelected === 'true')"
     )
     assert [name for name in browser.run(f"return {asked}") if name.endswith("/measured")] == [f"{index + 1}/measured"]
+
+
+def test_a_flagged_frame_asks_for_nothing_and_the_last_frame_leads_on(browser, serve, folder, tmp_path):
+    go_to(browser, serve(folder, "--out", tmp_path)[1], "keys")
+    choose = "const f = document.getElementById('flag'); f.value = 'no_field'; f.dispatchEvent(new Event('change'))"
+    browser.run(choose)
+    browser.wait(SAVED)
+    told = browser.run("return document.getElementById('missing').textContent")
+    assert told.startswith("Flagged: no field.") and browser.run("return document.getElementById('why').hidden")
+    assert not browser.run("return document.getElementById('offers').textContent")
+    go_to(browser, browser.run("return location.href.split('#')[0]"), "good")
+    browser.run("document.getElementById('search').value = 'good';")
+    browser.run("document.getElementById('search').dispatchEvent(new Event('input')); document.activeElement.blur()")
+    browser.press("y")
+    browser.wait("document.getElementById('saved').textContent === 'no other frame to do in this list'")
+    assert stored(tmp_path, "good")["confirmed"]

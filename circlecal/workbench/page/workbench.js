@@ -70,7 +70,7 @@ const confirm = async () => {  // what is calibrated, as it is: saved, and on to
   if (answer.status !== "calibrated") return;
   annotation.confirmed = true;
   await stored();
-  if (!unsaved) list.step(1, isToDo) || list.step(1);
+  if (!unsaved) list.step(1, isToDo) || list.step(1) || nextToDo();
 };
 const undo = (from, to) => {
   if (!from.length) return;
@@ -313,8 +313,8 @@ const tell = () => {
   verdict.className = `chip ${good ? "yes" : "no"}`;
   by("advice").className = good && !wrong.length ? "yes" : "no";
   const doubt = list?.frames[index]?.[1] === "doubtful" ? `, but known to ${answer.sigma_px?.toFixed(0) ?? "?"} px only: one more line or point helps` : "";
-  by("missing").textContent = wrong.length ? wrong.map((one) => one.told).join(" ") : good ? `Calibrated${doubt}. Look whether the template lies on the paint.` : answer.missing || answer.reason || "";
-  const why = good || by("missing").textContent === answer.reason ? "" : answer.reason || "";
+  by("missing").textContent = annotation.flag ? `Flagged: ${words(annotation.flag)}. It is left out of every run; take the flag away to use it.` : wrong.length ? wrong.map((one) => one.told).join(" ") : good ? `Calibrated${doubt}. Look whether the template lies on the paint.` : answer.missing || answer.reason || "";
+  const why = good || annotation.flag || by("missing").textContent === answer.reason ? "" : answer.reason || "";
   by("why").textContent = why && `Why: ${why}.`;
   by("why").hidden = !why;
   const fits = Object.entries(answer.suggested);
@@ -334,7 +334,7 @@ const tell = () => {
     buttons.push(button);
   });
   if (good && !wrong.length && !annotation.flag && !list?.frames[index]?.[5]) buttons.push(make("button", { type: "button", id: "confirm", onclick: guarded(confirm) }, "It does: save, next frame ", make("kbd", { textContent: "y" })));
-  if (!buttons.length && searches && answer.status !== "calibrated") buttons.push(make("small", { textContent: "Looking for names that fit …" }));
+  if (!buttons.length && searches && !annotation.flag && answer.status !== "calibrated") buttons.push(make("small", { textContent: "Looking for names that fit …" }));
   by("offers").replaceChildren(...buttons);
   by("active").textContent = active ? `marking: ${words(active)}` : chosen >= 0 ? "which marking is it?" : "";
   by("hint").textContent = active ? "Click or drag along it in the picture; click it here again to stop." : chosen >= 0 ? "Click its marking here, or press its key." : "Click something in the picture, then its marking here. Or a marking first, then its paint.";
