@@ -152,11 +152,17 @@ class LearnedRun:
     def choose(self, records: Iterable[ResultRecord]) -> Iterator[RefusedFrame]:
         """The frames that something is to be told to, and that were not told the same before."""
         for record in records:
-            lesson, told = self.lessons.get(_group_of(record)), record.learnt
-            alone = record.status if told is None else told.alone.status
-            is_open = alone == "refused" and record.stage != "input" and record.annotation is None
-            if lesson is not None and is_open and (told is None or _differ(told, lesson)):
+            lesson = self.lesson_of(record)
+            if lesson is not None:
                 yield RefusedFrame(record.id, record, lesson)
+
+    def lesson_of(self, record: ResultRow) -> Lesson | None:
+        """What is to be told to a frame; None where it was told that before, or nothing helps it."""
+        lesson, told = self.lessons.get(_group_of(record)), record.learnt
+        alone = record.status if told is None else told.alone.status
+        is_open = alone == "refused" and record.stage != "input" and record.annotation is None
+        is_new = lesson is not None and (told is None or _differ(told, lesson))
+        return lesson if is_open and is_new else None
 
     def record(self, frame: RefusedFrame) -> ResultRecord:
         """The frame's record with what it was told; that of the frame alone where it does not help.

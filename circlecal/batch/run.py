@@ -74,6 +74,7 @@ def run_batch(
     annotations: Mapping[str, str | None] | None = None,
     masks: Mapping[str, str] | None = None,
     on_progress: Callable[[BatchProgress], None] = lambda progress: None,
+    on_again: Callable[[int, int], None] = lambda done, total: None,
 ) -> BatchProgress:
     """Calibrate many frames in worker processes or on a cluster.
 
@@ -101,6 +102,8 @@ def run_batch(
         that were finished with another one are calibrated again.
     on_progress : callable
         Called after the start and after every frame, in this process.
+    on_again : callable
+        Called with how many of how many refused frames were calibrated again, by what the others tell.
 
     Returns
     -------
@@ -131,7 +134,8 @@ def run_batch(
                 log.require_in_place()
             again = learn_from(task, read_records(log.path, ResultRow))
             if again is not None:
-                _calibrate_again(log, again, workers, scheduler, progress, on_progress)
+                _calibrate_again(log, again, workers, scheduler, progress, on_again)
+                on_progress(progress)
         finally:
             if log.is_in_place:  # a folder that was moved away does not come back empty
                 write_summary(out / SUMMARY_NAME, log.index.rows())
@@ -145,12 +149,13 @@ def _calibrate_again(
     workers: int,
     scheduler: str | None,
     progress: BatchProgress,
-    on_progress: Callable[[BatchProgress], None],
+    on_again: Callable[[int, int], None],
 ) -> None:
     """Calibrate refused frames with what the others agree on, and put the new lines in the place of the old ones.
 
     What is finished stays, whatever ends the run.
     """
+    total = sum(task.lesson_of(row) is not None for row in read_records(log.path, ResultRow))
     frames = task.choose(read_records(log.path))
     done: list[Finished] = []
 
@@ -162,13 +167,13 @@ def _calibrate_again(
 
     try:
         with contextlib.closing(_finish_frames(frames, task, workers, scheduler)) as finished:
-            for frame in finished:
+            for count, frame in enumerate(finished, start=1):
+                on_again(count, total)
                 before = log.index.find(frame.row.id)
                 if before is None or frame.row.code in FAILED_CODES:  # it keeps its first record
                     continue
                 progress.count_again(before[0], frame.row.status)
                 done.append(frame)
-                on_progress(progress)
                 if len(done) >= max(FEWEST_AT_ONCE, SHARE_AT_ONCE * len(log.index)):
                     write()
     finally:

@@ -190,7 +190,7 @@ def _calibrate(
     from circlecal.records.log import RESULTS_NAME
 
     is_taken_up = not restart and (out / RESULTS_NAME).is_file()
-    with console.resumable(restart=restart), console.progress_display(quiet=quiet) as show:
+    with console.resumable(restart=restart), console.progress_display(quiet=quiet, stage="calibrating") as show:
         return run_batch(
             work.all_frames(console.print_note),
             run,
@@ -202,6 +202,7 @@ def _calibrate(
             annotations=digest_annotations_of(work, run.annotations, out),
             masks=label_masks(work.frames) if is_taken_up and run.mask is None else None,
             on_progress=show,
+            on_again=partial(show.step, "calibrating refused frames again"),
         )
 
 

@@ -9,8 +9,9 @@ import logging
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from functools import cache
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from functools import cache, partial
+from typing import TYPE_CHECKING, Protocol
 
 from circlecal.errors import InterruptedCommandError
 from circlecal.names import show, show_json
@@ -176,22 +177,85 @@ def number(value: float | None, decimals: int = 2) -> str:
     return "-" if value is None else f"{value:z.{decimals}f}"
 
 
+class ProgressDisplay(Protocol):
+    """Shows how far a run is: by the counts of its frames, or by the steps of another stage."""
+
+    def __call__(self, state: BatchProgress) -> None:
+        """Show the counts of frames."""
+
+    def step(self, stage: str, done: int, total: int, unit: str = "frame") -> None:
+        """Show how far another stage is: what is done, with how many of how many; of 0 where these are not counted."""
+
+
 @contextlib.contextmanager
-def progress_display(*, quiet: bool) -> Iterator[Callable[[BatchProgress], None]]:
-    """Show how far a run is: a bar with rate and time left on a terminal, a line now and then in a pipe."""
+def progress_display(*, quiet: bool, stage: str = "") -> Iterator[ProgressDisplay]:
+    """Show how far a run is: a bar with stage, rate and time left on a terminal, a line now and then in a pipe.
+
+    ``stage`` names what is done with the frames that are counted.
+    """
     console = stderr_console()
     if quiet:
-        yield lambda progress: None
+        yield _Unseen()
     elif console.is_terminal:
-        measure_rate = _pace()
-        with _bar(console, "frame") as update:
-
-            def show(state: BatchProgress) -> None:
-                update(state.finished, state.total, _counts(state), measure_rate(state))
-
-            yield show
+        with _bar(console, stage) as update:
+            yield _Shown(stage, update)
     else:
-        yield _plain_lines()
+        yield _Shown(stage, _write_lines())
+
+
+class _Unseen:
+    def __call__(self, state: BatchProgress) -> None:
+        pass
+
+    def step(self, stage: str, done: int, total: int, unit: str = "frame") -> None:
+        pass
+
+
+class _Shown:
+    """Tells a stage, its steps and their rate to what shows them."""
+
+    def __init__(self, stage: str, update: _Update) -> None:
+        self._stage, self._update = stage, update
+        self._measure_rate = _pace()
+        self._step_stage, self._began = "", 0.0
+
+    def __call__(self, state: BatchProgress) -> None:
+        rate = self._measure_rate(state)
+        self._update(_Steps(self._stage, state.finished, state.total, "frame", _counts(state), rate))
+        self._step_stage = ""
+
+    def step(self, stage: str, done: int, total: int, unit: str = "frame") -> None:
+        now = time.monotonic()
+        if stage != self._step_stage or done == 0:
+            self._step_stage, self._began = stage, now
+        rate = done / (now - self._began) if now > self._began else 0.0
+        self._update(_Steps(stage, done, total, unit, "", rate, is_goal=False))
+
+
+@dataclass(frozen=True, slots=True)
+class _Steps:
+    """How far a stage is: done of a total of units, what is said of them, units per second, and whether these are what
+    the whole run is for.
+    """
+
+    stage: str
+    done: int
+    total: int
+    unit: str
+    label: str
+    rate: float
+    is_goal: bool = True
+
+    def words(self) -> str:
+        """In one line."""
+        counted = [f"{self.done}/{count_of(self.total, self.unit)}"] if self.total else []
+        said = [*counted, *([show(self.label)] if self.label else [])]
+        if self.rate > 0 and self.total:
+            said += [f"{self.rate:.1f} {self.unit}s/s", _time_left(self.total - self.done, self.rate)]
+        return f"{show(self.stage)}: {', '.join(said)}" if self.stage and said else show(self.stage) or ", ".join(said)
+
+
+_Update = Callable[[_Steps], None]
 
 
 def count_of(count: int, noun: str) -> str:
@@ -200,10 +264,11 @@ def count_of(count: int, noun: str) -> str:
 
 
 @contextlib.contextmanager
-def _bar(console: Console, unit: str) -> Iterator[Callable[..., None]]:
+def _bar(console: Console, stage: str = "") -> Iterator[_Update]:
     from rich import progress as rich_progress
 
     bar = rich_progress.Progress(
+        rich_progress.TextColumn("{task.fields[stage]}"),
         rich_progress.TextColumn("{task.fields[done]}"),
         rich_progress.BarColumn(),
         rich_progress.TextColumn("{task.fields[counts]}"),
@@ -212,47 +277,46 @@ def _bar(console: Console, unit: str) -> Iterator[Callable[..., None]]:
         console=console,
         transient=True,
     )
-    start = time.monotonic()
     with bar:
-        task = bar.add_task("", total=None, done="", counts="", rate="", left="")
+        task = bar.add_task("", total=None, stage=show(stage), done="", counts="", rate="", left="")
 
-        def update(done: int, total: int, label: str, rate: float | None = None) -> None:
-            rate = done / max(time.monotonic() - start, 1e-9) if rate is None else rate
-            left = _time_left(total - done, rate)
+        def update(steps: _Steps) -> None:
             bar.update(
                 task,
-                total=total,
-                completed=done,
-                done=f"{done}/{count_of(total, unit)}",
-                counts=show(label),
-                rate=f"{rate:.1f} {unit}s/s" if rate > 0 else "",
-                left=left,
+                total=steps.total or None,
+                completed=steps.done,
+                stage=show(steps.stage),
+                done=f"{steps.done}/{count_of(steps.total, steps.unit)}" if steps.total else "",
+                counts=show(steps.label),
+                rate=f"{steps.rate:.1f} {steps.unit}s/s" if steps.rate > 0 else "",
+                left=_time_left(steps.total - steps.done, steps.rate),
             )
 
         yield update
 
 
 @contextlib.contextmanager
-def count_steps(unit: str, total: int, *, quiet: bool = False) -> Iterator[Callable[[str], None]]:
+def count_steps(unit: str, total: int, *, quiet: bool = False, stage: str = "") -> Iterator[Callable[[str], None]]:
     """Show how far a run of ``total`` steps is; each call advances it by one and names what is worked on.
 
-    ``unit`` names one step, in the singular.
+    ``unit`` names one step, in the singular, ``stage`` what is done.
     """
     console = stderr_console()
+    start = time.monotonic()
+    done = 0
+
+    def advance(update: _Update, label: str) -> None:
+        nonlocal done
+        done += 1
+        update(_Steps(stage, done, total, unit, label, done / max(time.monotonic() - start, 1e-9)))
+
     if quiet:
         yield lambda label: None
     elif console.is_terminal:
-        with _bar(console, unit) as update:
-            done = 0
-
-            def advance(label: str) -> None:
-                nonlocal done
-                done += 1
-                update(done, total, label)
-
-            yield advance
+        with _bar(console, stage) as update:
+            yield partial(advance, update)
     else:
-        yield _count_on_lines(unit, total)
+        yield partial(advance, _write_lines())
 
 
 def _time_left(steps: int, rate: float) -> str:
@@ -268,38 +332,18 @@ def _is_due(now: float, last: float, start: float) -> bool:
     return now - last >= min(max(_PLAIN_SECONDS, _PLAIN_SHARE * (now - start)), _PLAIN_SECONDS_MOST)
 
 
-def _count_on_lines(unit: str, total: int) -> Callable[[str], None]:
+def _write_lines() -> _Update:
+    """A line now and then, and one at the end."""
     start = last = time.monotonic()
-    done = 0
+    is_told = False
 
-    def advance(label: str) -> None:
-        nonlocal done, last
-        done += 1
+    def update(steps: _Steps) -> None:
+        nonlocal last, is_told
         now = time.monotonic()
-        if done == total or _is_due(now, last, start):
-            last = now
-            rate = done / max(now - start, 1e-9)
-            line = (
-                f"{done}/{count_of(total, unit)}, {show(label)}, {rate:.1f} {unit}s/s, {_time_left(total - done, rate)}"
-            )
-            print(line, file=sys.stderr, flush=True)  # noqa: T201
-
-    return advance
-
-
-def _plain_lines() -> Callable[[BatchProgress], None]:
-    start = last = time.monotonic()
-    measure_rate = _pace()
-
-    def update(state: BatchProgress) -> None:
-        nonlocal last
-        now, rate = time.monotonic(), measure_rate(state)
-        if state.finished == state.total or _is_due(now, last, start):
-            last = now
-            line = f"{state.finished}/{count_of(state.total, 'frame')}, {_counts(state)}"
-            if rate > 0:
-                line += f", {rate:.1f} frames/s, {_time_left(state.total - state.finished, rate)}"
-            print(line, file=sys.stderr, flush=True)  # noqa: T201
+        is_end = steps.is_goal and steps.done == steps.total
+        if (is_end and not is_told) or _is_due(now, last, start):
+            last, is_told = now, is_end
+            print(steps.words(), file=sys.stderr, flush=True)  # noqa: T201
 
     return update
 

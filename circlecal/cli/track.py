@@ -103,7 +103,7 @@ def track(
         out = options.folder_of_run(
             out, run.digest, ask=ask, restart=restart, find_hint=lambda: _hint_at_annotations(run)
         )
-        with console.resumable(restart=restart), console.progress_display(quiet=quiet) as show:
+        with console.resumable(restart=restart), console.progress_display(quiet=quiet, stage="tracking") as show:
             report = run_track(
                 videos,
                 run,
@@ -112,6 +112,7 @@ def track(
                 scheduler=scheduler,
                 restart=restart,
                 on_progress=show,
+                on_step=show.step,
                 on_survey=lambda name: None if quiet else console.print_note(f"{name}: looking for its cameras"),
                 on_note=console.print_note,
                 on_error=console.error_reporter(failures),
@@ -165,7 +166,8 @@ def _write_further(
         if clip is None:
             continue
         name = OVERLAY_NAME if len(videos) == 1 else f"{clip.name}.{OVERLAY_NAME}"
-        with console.count_steps("frame", clip.estimate_count(run.sampling), quiet=quiet) as advance:
+        count = clip.estimate_count(run.sampling)
+        with console.count_steps("frame", count, quiet=quiet, stage=f"drawing {name}") as advance:
             write_overlay_video(out / name, clip, records, template, circle, run.step_s(clip), advance)
 
 

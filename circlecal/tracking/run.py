@@ -45,6 +45,7 @@ from circlecal.tracking.stretches import (
     track_alone,
     track_stretch,
 )
+from circlecal.tracking.survey_steps import UNTOLD, OnStep, SurveySteps
 
 _log = logging.getLogger(__name__)
 T = TypeVar("T")
@@ -71,6 +72,7 @@ def run_track(
     restart: bool = False,
     on_progress: Callable[[BatchProgress], None] = lambda progress: None,
     on_survey: Callable[[str], None] = lambda name: None,
+    on_step: OnStep = UNTOLD.on_step,
     on_note: Callable[[str], None] = _log.warning,
     on_error: Callable[[Exception], None] = lambda error: None,
 ) -> TrackReport:
@@ -91,10 +93,11 @@ def run_track(
         Instead of ``workers``: address of a Dask scheduler, or ``local:N``.
     restart : bool
         Start over: drop what the folder holds.
-    on_progress, on_survey, on_note, on_error : callables
-        Called after every frame with the counts; with the name of each clip whose cameras are looked for; with one line
-        about what a clip lacks, once for each clip; and with the error of a clip that cannot be worked on, while the
-        others go on.
+    on_progress, on_survey, on_step, on_note, on_error : callables
+        Called after every frame with the counts; with the name of each clip whose cameras are looked for; with how far
+        that is, as :data:`circlecal.tracking.survey_steps.OnStep` says, or with how many of the clips it is finished
+        where other processes do it; with one line about what a clip lacks, once for each clip; and with the error of a
+        clip that cannot be worked on, while the others go on.
 
     Raises
     ------
@@ -124,7 +127,7 @@ def run_track(
         try:
             before = {} if restart else _venues_before(videos, paths, run)
             with contextlib.closing(
-                _surveys(videos, parts, before, run, paths, workers, scheduler, on_survey)
+                _surveys(videos, parts, before, run, paths, workers, scheduler, on_survey, on_step)
             ) as surveys:
                 for video, venue in surveys:
                     if isinstance(venue, Venue):
@@ -237,6 +240,7 @@ def _surveys(
     workers: int,
     scheduler: str | None,
     on_survey: Callable[[str], None],
+    on_step: OnStep,
 ) -> Generator[tuple[Video, Venue | str]]:
     """The venue of each clip, or why there is none; those that were found before are not looked for again."""
     todo = []
@@ -246,10 +250,27 @@ def _surveys(
         elif parts[video.name]:
             on_survey(video.name)
             todo.append(video)
-    for video, found in zip(todo, _map(partial(survey_video, run), todo, workers, scheduler), strict=True):
+    for video, found in zip(todo, _survey_all(todo, run, workers, scheduler, on_step), strict=True):
         if isinstance(found, Venue):
             write_venue(paths[video.name], found, field_of(run.config)[0], run.digest, video.name, video.bytes)
         yield video, found
+
+
+def _survey_all(
+    videos: Sequence[Video], run: ClipRun, workers: int, scheduler: str | None, on_step: OnStep
+) -> Iterator[Venue | str]:
+    """The venues of clips, in order."""
+    if scheduler is None and (workers == 1 or len(videos) == 1):
+        for video in videos:
+            yield survey_video(run, video, _name_steps(f"{video.name}: " if len(videos) > 1 else "", on_step))
+        return
+    elsewhere = _map(partial(survey_video, run), videos, workers, scheduler)
+    yield from SurveySteps(on_step).count("clips whose cameras are found", elsewhere, len(videos))
+
+
+def _name_steps(name: str, on_step: OnStep) -> OnStep:
+    """Tells the steps of a clip with its name before them."""
+    return lambda stage, done, total: on_step(name + stage, done, total)
 
 
 def _venues_before(videos: Sequence[Video], paths: Mapping[str, Path], run: ClipRun) -> dict[str, Venue]:

@@ -48,9 +48,16 @@ def run_hall(folder: Path, out: Path, *settings: str, backwards: bool = False) -
     frames = find_frames([folder])
     # the frames' own look at the colours of the floor would find these lines, too
     config = load_config("futsal", ["learning.least_frames=2", "mask.tell_paints=false", *settings])
-    counts = run_batch(frames[::-1] if backwards else frames, FrameRun(config), out, workers=1)
+    again: list[tuple[int, int]] = []
+    is_new = not (out / "results.jsonl").exists()
+    told = frames[::-1] if backwards else frames
+    counts = run_batch(told, FrameRun(config), out, workers=1, on_again=lambda *step: again.append(step))
     found = {record["id"]: record for record in records(out)}
     assert (counts.finished, counts.calibrated) == (4, sum(r["status"] == "calibrated" for r in found.values()))
+    # calibrating refused frames again has its own count
+    assert again == [(k + 1, len(again)) for k in range(len(again))]
+    if is_new:
+        assert len(again) == sum(r.get("learnt") is not None for r in found.values())
     return found
 
 

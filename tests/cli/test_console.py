@@ -52,6 +52,44 @@ def test_the_last_line_and_what_was_there_before(clock, capsys):
     assert line == "4/4 frames, 3 calibrated, 1 refused (2 from before), 1.0 frames/s, 0:00 left"
 
 
+def test_stages_before_frames_are_counted_have_their_names_rates_and_times(clock, capsys):
+    """The survey of a clip was a long silence."""
+    progress = BatchProgress(total=50)
+    with console.progress_display(quiet=False, stage="tracking") as show:
+        for done in range(0, 49, 4):
+            show.step("looking at frames", done, 48)
+            clock[0] += 2
+        show.step("camera-1: fitting", 0, 0)
+        clock[0] += 5
+        show.step("camera-1: fitting", 0, 0)
+        show(progress)
+        clock[0] += 5
+        show(finished(progress, 50))
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0] == "looking at frames: 12/48 frames, 2.0 frames/s, 0:18 left"
+    assert lines[-2:] == ["camera-1: fitting", "tracking: 50/50 frames, 50 calibrated, 0 refused"]
+    with console.count_steps("frame", 1, stage="drawing overlay.mp4") as advance:
+        clock[0] += 1
+        advance("clip_00-00-00.000")
+    assert capsys.readouterr().err.startswith("drawing overlay.mp4: 1/1 frame, clip_00-00-00.000, 1.0 frames/s")
+
+
+def test_a_bar_names_its_stage(clock, monkeypatch):
+    written = io.StringIO()
+    terminal = Console(file=written, force_terminal=True, width=140, color_system=None)
+    monkeypatch.setattr("circlecal.cli.console.stderr_console", lambda: terminal)
+    with console.progress_display(quiet=False, stage="tracking") as show:
+        show.step("looking at frames", 0, 48)
+        clock[0] += 6
+        show.step("looking at frames", 12, 48)
+    shown = written.getvalue()
+    for text in ("looking at frames", "12/48 frames", "2.0 frames/s", "0:18 left"):
+        assert text in shown
+    with console.progress_display(quiet=False, stage="tracking") as show:
+        show(finished(BatchProgress(total=100)))
+    assert "tracking 1/100 frames" in written.getvalue()
+
+
 def test_one_of_a_thing_is_said_in_the_singular(clock, capsys):
     assert [console.count_of(count, "frame") for count in (0, 1, 2)] == ["0 frames", "1 frame", "2 frames"]
     progress = BatchProgress(total=1)
