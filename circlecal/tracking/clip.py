@@ -15,6 +15,7 @@ from circlecal.tracking.entry import ClipFrame, Entry
 from circlecal.tracking.first_look import suit_tracking
 from circlecal.tracking.follower import Follower
 from circlecal.tracking.results import TrackedFrame
+from circlecal.tracking.twins import answer_once
 
 WINDOW, OVERLAP = 400, 150
 """Frames that are smoothed at once at most, and those that the next window shares with it."""
@@ -41,11 +42,18 @@ def track_frames(
     TrackedFrame
         One for each frame; memory does not grow with the length of the clip.
     """
+    clock = clock or StageClock()
+    yield from answer_once(frames, lambda distinct: _track_distinct(distinct, venue, config, clock))
+
+
+def _track_distinct(
+    frames: Iterator[ClipFrame], venue: Venue, config: Config, clock: StageClock
+) -> Iterator[TrackedFrame]:
+    """The camera of every frame of a clip that shows each of its pictures once."""
     template, _ = field_of(config)
     config = suit_tracking(config, venue.paint_bgr)
     limits = SigmaLimits.of(config.verdict)
     waiting: list[Entry] = []
-    clock = clock or StageClock()
     follower = Follower(venue, config, template, clock)
 
     def answer(count: int) -> list[TrackedFrame]:

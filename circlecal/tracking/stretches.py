@@ -30,6 +30,8 @@ from circlecal.tracking.entry import ClipFrame
 from circlecal.tracking.frame_times import FrameTimes
 from circlecal.tracking.records import RecordForm, record_of_track
 from circlecal.tracking.survey import survey_clip
+from circlecal.tracking.survey_steps import UNTOLD, OnStep, SurveySteps
+from circlecal.tracking.twins import measure_period
 
 DEFAULT_EVERY = "1"
 """Of a clip every frame is tracked."""
@@ -237,8 +239,8 @@ def list_frames(video: Video, run: ClipRun) -> FrameTimes:
     return FrameTimes.of_video(video, end + MARGIN_S)
 
 
-def survey_video(run: ClipRun, video: Video) -> Venue | str:
-    """The cameras of a clip, or what is wrong with it."""
+def survey_video(run: ClipRun, video: Video, on_step: OnStep = UNTOLD.on_step) -> Venue | str:
+    """The cameras of a clip, or what is wrong with it; a function may be told how far it is."""
     start, end = run.sampling.start_s, run.end_s(video)
     length = (end if math.isfinite(end) else start + STRETCH_S) - start
 
@@ -250,7 +252,8 @@ def survey_video(run: ClipRun, video: Video) -> Venue | str:
         named = (a for a in read_anchors(video, run.annotations, config) if start <= a.time_s < end)
         anchors = tuple(replace(anchor, time_s=anchor.time_s - start) for anchor in named)
         known = _suit_known(run, video)
-        return survey_clip(shift_times, length, config, known, anchors, 1.0 / video.rate)
+        period_s = measure_period(shift_times, length / 2.0, 1.0 / video.rate)
+        return survey_clip(shift_times, length, config, known, anchors, period_s, SurveySteps(on_step))
     except CirclecalError as error:
         return str(error)
     except Exception as error:  # noqa: BLE001 - one bad clip never stops the rest
