@@ -14,14 +14,14 @@ from circlecal.config import load_config
 from circlecal.geometry.projective import Array
 from circlecal.rig.tripod import PLACE, TripodEstimate
 from circlecal.synthetic.optics import motion_kernel
-from circlecal.tracking import closer_look, head_path, pitch
+from circlecal.tracking import closer_look, head_path, pitch, seen_paint
 from circlecal.tracking.closer_look import learn_closely, measure_closely
 from circlecal.tracking.frame_paint import HeadedFrame, residuals_of
 from circlecal.tracking.head_fit import HeadFit
 from circlecal.tracking.head_path import HeadPath
 from circlecal.tracking.looking import Look, LookedAt, Place
 from circlecal.tracking.markings import place_markings, template_curves
-from circlecal.tracking.seen_paint import BESIDE_BIAS_PX, MeasuredFrame
+from circlecal.tracking.seen_paint import BESIDE_BIAS_PX, BIAS_BY_SMEAR, MeasuredFrame
 from circlecal.tracking.tripod_fit import common_priors, fit_tripod
 from tests.tracking.scenes import HEAD, SIZE, draw, measure_ideal, template, tripod, views_of_a_pitch
 
@@ -114,7 +114,10 @@ def test_smeared_paint_of_a_circle_lies_inside_it() -> None:
 
 
 @pytest.mark.parametrize("way_px", [30.0, 60.0])
-def test_ends_of_lines_are_doubtful_where_a_goal_line_is_smeared_over_them(way_px: float) -> None:
+def test_ends_of_lines_are_doubtful_where_a_goal_line_is_smeared_over_them(
+    way_px: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(seen_paint, "BIAS_BY_SMEAR", 0.0)
     picture = cv2.filter2D(draw(HEAD, np.random.default_rng(4)), -1, motion_kernel(way_px, 0.0))
     drawn, true = template_curves(template()), tripod()
     seen = LookedAt.of(np.asarray(picture, np.uint8), MASK)
@@ -129,6 +132,18 @@ def test_ends_of_lines_are_doubtful_where_a_goal_line_is_smeared_over_them(way_p
     assert np.abs(away[along & ~doubtful]).max() < 0.15
 
 
+def test_smeared_paint_confirms_a_head_and_tells_less_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In a fast pan what was left of a circle put frames four standard deviations beside their places."""
+    picture = cv2.filter2D(draw(HEAD, np.random.default_rng(4)), -1, motion_kernel(30.0, 0.0))
+    seen, blur = LookedAt.of(np.asarray(picture, np.uint8), MASK), np.array([30.0, 0.0])
+    place = Place.of(tripod(), template())
+    look = place.look(seen, HEAD, place.proposal_covariance(HEAD), None, blur)
+    monkeypatch.setattr(seen_paint, "BIAS_BY_SMEAR", 0.0)
+    undoubted = place.look(seen, HEAD, place.proposal_covariance(HEAD), None, blur)
+    assert look.is_confirmed and undoubted.is_confirmed
+    assert undoubted.fit.information[1, 1] > 4.0 * look.fit.information[1, 1]
+
+
 def test_smear_makes_the_paint_less_certain() -> None:
     measured = [measure_ideal(HEAD, np.zeros(2), 0.1, np.random.default_rng(k)) for k in range(3)]
     turned = np.array([0.0, 0.01, 0.0])
@@ -141,9 +156,9 @@ def test_smear_makes_the_paint_less_certain() -> None:
     # how the head turns at the end of what is known is a guess
     assert path.blur_px(0.2, tripod(), 0.04) is None
     assert path.blur_px(0.15, tripod(), 0.04) is not None
-    doubted = closer_look._doubt_smear(members[1].measured, blur)
+    doubted = members[1].measured.doubt_smear(blur)
     across = np.abs(members[1].measured.normals @ blur)
-    assert (doubted.bias_px >= closer_look.BIAS_BY_SMEAR * across - 1e-9).all()
+    assert (doubted.bias_px >= BIAS_BY_SMEAR * across - 1e-9).all()
 
 
 def test_pictures_between_tell_the_size_of_the_pitch(monkeypatch: pytest.MonkeyPatch) -> None:
