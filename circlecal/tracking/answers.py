@@ -13,7 +13,7 @@ from circlecal.geometry.camera_parameters import INDEX, ProjectionModel, project
 from circlecal.geometry.projective import Array
 from circlecal.refusals import REFUSALS
 from circlecal.results import Check
-from circlecal.rig.tripod import COMMON
+from circlecal.rig.tripod import COMMON, TripodEstimate
 from circlecal.stages.verdict import VerdictConfig
 from circlecal.tracking.entry import BARE_SHARE, Entry
 from circlecal.tracking.looking import Place
@@ -58,6 +58,12 @@ class SigmaLimits:
 
     largest_px: float
     mean_px: float
+    alone_px: float
+    """The mean one of answers by a tripod that one frame tells: they are as good as that of a frame alone."""
+
+    def mean_of(self, tripod: TripodEstimate) -> float:
+        """The mean one by a tripod."""
+        return self.alone_px if len(tripod.used) == 1 else self.mean_px
 
     @classmethod
     def of(cls, config: VerdictConfig) -> SigmaLimits:
@@ -65,7 +71,7 @@ class SigmaLimits:
         than the usual one.
         """
         mean_px = config.max_mean_sigma_px
-        return cls(config.max_sigma_px, min(mean_px, max(MEAN_SIGMA_PX, MEAN_SHARE * mean_px)))
+        return cls(config.max_sigma_px, min(mean_px, max(MEAN_SIGMA_PX, MEAN_SHARE * mean_px)), mean_px)
 
 
 def answer_shot(
@@ -169,7 +175,7 @@ def _answer_frame(
     seen = _visible_sigmas(view, place)
     sigmas = (
         Check.of("sigma_px", seen.largest_px, limits.largest_px * place.unit),
-        Check.of("mean_sigma_px", seen.mean_px, limits.mean_px * place.unit),
+        Check.of("mean_sigma_px", seen.mean_px, limits.mean_of(tripod) * place.unit),
     )
     checks = (
         Check("painted_share", entry.painted / max(entry.expected, 1), BARE_SHARE, not entry.is_contradicted),

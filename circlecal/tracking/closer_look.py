@@ -38,7 +38,7 @@ from circlecal.tracking.pitch import (
     priors_of_sizes,
     untold_sizes,
 )
-from circlecal.tracking.seen_paint import MeasuredFrame
+from circlecal.tracking.shared_pitch import KnownPitch
 from circlecal.tracking.tripod_fit import TripodFit, count_alike, fit_tripod
 from circlecal.tracking.tripod_problem import RULE, VALLEY_RULE
 
@@ -61,14 +61,6 @@ paint differs from frame to frame. A gap is entered as smeared as the frames bef
 sharp, the paint of its first frame did not confirm the head, and three of twelve rendered clips had no frame of a pan
 of 13 to 28 degrees from the circle to a penalty area. The length of one was told to 0.09 m and 0.064 m off, and with
 these frames to 0.026 and 0.018.
-"""
-BIAS_BY_SMEAR = 0.3
-"""By how much the middle of paint that moves while the shutter is open may be off, per pixel of its way across it: in
-fast pans of four rendered clips, encoded, middles are off by two to four times as much as elsewhere, to one side along
-a whole marking, so that neither its length nor the number of frames averages it out. Over eleven rendered clips, which
-were looked at, mean errors of frames are 0.27 (median) and 0.53 px (90 %) at 1920 px width with 0.1, and 0.20 and 0.40
-with it; the worst clip has 0.79 and 1.43 with 0.1, and 0.55 and 0.90 with it; of eight clips 0.5 is better in three and
-worse in five. One clip, whose smeared frames tell the length of its pitch, has 0.09 with 0.1, and 0.27 with it.
 """
 WIDTH, LENGTH = PLACE["width"], PLACE["length"]
 
@@ -105,6 +97,7 @@ def learn_closely(
     drawn: DrawnTemplate,
     colour: Array | None = None,
     period_s: float = 0.0,
+    pitch: KnownPitch | None = None,
 ) -> TripodEstimate:
     """The tripod by its frames, measured closely, and by pictures between them where the size of its pitch is known too
     little: where the circle is out of view, all places are as uncertain as the pitch is long.
@@ -113,13 +106,13 @@ def learn_closely(
     And those at the end of a gap once more after it is followed, which tells how far they are smeared: in one that was
     measured as if it were sharp the penalty arc lay 0.4 px inside its place, and the pitch came out 0.02 m longer.
     Where no paint is measured the second time that of the first counts: a tripod that moved far takes focal lengths
-    along, and no marking is near its place from where the head was before.
+    along, and no marking is near its place from where the head was before. A pitch that another tripod tells is known.
     """
     template, _ = field_of(config)
     members = _drop_bare(measure_closely(tripod, members, pictures, template, period_s, HeadPath.of(members)))
     if not members:
         return tripod
-    fit = _fit_closely(tripod, members, [], config, template, drawn, parts_m=None)
+    fit = _fit_closely(tripod, members, [], config, template, drawn, parts_m=None, pitch=pitch)
     nearer = fit.estimate
     heads = dict(zip(nearer.used, fit.heads, strict=True))
     as_before = [replace(frame, head=heads[frame.name]) for frame in members if frame.name in heads]
@@ -138,7 +131,7 @@ def learn_closely(
         frames = [seen[frame.name] for frame in frames]
         frames = frames + _look_between(place, path, pictures_at, config, colour, period_s)
     start = replace(tripod, mean=nearer.mean)
-    return _fit_closely(start, frames, smeared, config, template, drawn, parts_m=PART_M).estimate
+    return _fit_closely(start, frames, smeared, config, template, drawn, parts_m=PART_M, pitch=pitch).estimate
 
 
 def _drop_bare(frames: Sequence[HeadedFrame]) -> list[HeadedFrame]:
@@ -155,7 +148,7 @@ def _look_between(
     period_s: float,
 ) -> list[HeadedFrame]:
     """Frames between those of a path that are near each other, in which the paint confirms the head."""
-    frames, times = [], path.times_between()
+    frames, times = [], path.times_between(period_s)
     for time_s, picture in zip(times, pictures_at(times), strict=False):
         if picture is None:
             continue
@@ -212,6 +205,7 @@ def _fit_closely(
     drawn: DrawnTemplate,
     *,
     parts_m: float | None,
+    pitch: KnownPitch | None = None,
 ) -> TripodFit:
     """The fit of the tripod to closely measured frames, without those of a false camera; the width of the paint with
     the rest where its blur tells it. Whether a line is a false one, and what the models leave, the sharp frames tell.
@@ -222,11 +216,11 @@ def _fit_closely(
     unit = tripod.size[0] / 1920.0
     seen = [frame.measured for frame in sharp]
     any_mean, any_sd = priors_of_frames(config, template, tripod.size, seen, tripod.model.log_focal)
-    mean, sd = hold_size(tripod, any_mean, any_sd)
+    mean, sd = hold_size(tripod, any_mean, any_sd) if pitch is None else pitch.tell(any_mean, any_sd)
     kept, (fit,) = leave_out_false_line(sharp, [tripod], mean, sd, drawn)
     alike = count_alike(fit)
     frames = [*kept, *(_leave_out_alike(frame, sharp, kept) for frame in smeared)]
-    joint = joint_frames(frames, drawn) if alike > 1.0 and sd[LENGTH] > 0.0 else []
+    joint = joint_frames(frames, drawn) if pitch is None and alike > 1.0 and sd[LENGTH] > 0.0 else []
     if joint:
         told = fit_tripod(joint, tripod, mean, sd, drawn, alike=alike, parts_m=parts_m).estimate
         if told.sigma("length") < TOLD_SD_M:
@@ -246,6 +240,9 @@ def _fit_closely(
     best = fit.estimate
     if kept and parts_m is not None:
         last = _LastFit(kept, drawn, is_width_free, alike)
+        if pitch is not None:
+            told = _open_pitch(last, best, pitch, (any_mean, any_sd))
+            return replace(fit, estimate=replace(told, left_out=tripod.left_out))
         any_size = np.where(sd > 0.0, any_mean, mean), np.where(sd > 0.0, any_sd, 0.0)
         best = _tell_size(last, best, tripod, (mean, sd), any_size, config, template)
     return replace(fit, estimate=replace(best, left_out=tripod.left_out))
@@ -296,6 +293,17 @@ def _tell_size(
     return open_size(found, last.fit(found, mean, loose_sd, np.inf).estimate, loose_sd > sd)
 
 
+def _open_pitch(last: _LastFit, found: TripodEstimate, pitch: KnownPitch, prior: tuple[Array, Array]) -> TripodEstimate:
+    """A tripod before a pitch that another one tells, with held sizes as uncertain as both leave them. The prior, means
+    and standard deviations (K,), is that before a pitch of any size.
+    """
+    mean, sd = pitch.tell_loosely(*prior)
+    is_held = pitch.is_held & (sd > 0.0)
+    if not is_held.any():
+        return found
+    return open_size(found, last.fit(found, mean, sd, PART_M).estimate, is_held)
+
+
 def _leave_out_alike(frame: HeadedFrame, before: Sequence[HeadedFrame], after: Sequence[HeadedFrame]) -> HeadedFrame:
     """A frame without the marking that others, as they were before and after it, do without."""
     seen_before, seen_after = ({int(k) for f in frames for k in f.measured.marking} for frames in (before, after))
@@ -314,11 +322,4 @@ def _look_closely(place: Place, picture: LookedAt, head: Array, blur_px: Array |
     nearer = spread / 16.0
     look = place.look(picture, look.fit.head, nearer, look.fit.by_common, blur_px)
     nearest = np.asarray(np.linalg.inv(look.fit.information + np.linalg.inv(nearer)))
-    look = place.look(picture, look.fit.head, nearest, look.fit.by_common, blur_px)
-    return look if blur_px is None else replace(look, measured=_doubt_smear(look.measured, blur_px))
-
-
-def _doubt_smear(measured: MeasuredFrame, blur_px: Array) -> MeasuredFrame:
-    """The paint, with what the encoder makes of smeared paint as a further error of its middle."""
-    bias = np.hypot(measured.bias_px, BIAS_BY_SMEAR * np.abs(measured.normals @ blur_px))
-    return replace(measured, bias_px=bias)
+    return place.look(picture, look.fit.head, nearest, look.fit.by_common, blur_px)

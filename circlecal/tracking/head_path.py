@@ -64,13 +64,14 @@ class HeadPath:
         turn = (self.heads[neighbour] - self.heads[here]) / (self.times_s[neighbour] - self.times_s[here])
         return move_of_middle(SHUTTER * period_s * turn, self.heads[here], tripod.model, tripod.mean)
 
-    def times_between(self) -> list[float]:
-        """Times between those of frames near each other, evenly."""
+    def times_between(self, period_s: float) -> list[float]:
+        """Times between those of frames near each other, evenly, but no more than the video has frames of a period."""
         gaps = [(a, b) for a, b in pairwise(self.times_s) if b - a < NEAR_S]
         if not gaps:
             return []
         pieces = 1 + min(MOST_BETWEEN, max(1, MOST_MORE // len(gaps)))
-        return [float(a + (b - a) * k / pieces) for a, b in gaps for k in range(1, pieces)]
+        most = [min(pieces, round((b - a) / period_s)) if period_s > 0.0 else pieces for a, b in gaps]
+        return [float(a + (b - a) * k / n) for (a, b), n in zip(gaps, most, strict=True) for k in range(1, n)]
 
     def gaps(self) -> list[tuple[float, float]]:
         """Times of the frames on both sides of longer gaps, those with the largest turn between them first."""

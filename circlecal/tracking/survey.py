@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from circlecal.tracking.anchors import Anchor
 from circlecal.tracking.closer_look import learn_closely
 from circlecal.tracking.first_look import (
     Alone,
+    FirstLook,
     PicturesAt,
     join_fields_of,
     learn_paint,
@@ -31,6 +32,7 @@ from circlecal.tracking.frame_paint import PART_M, HeadedFrame
 from circlecal.tracking.head_path import HeadPath
 from circlecal.tracking.looking import LEAST_PLACES, Look, LookedAt, Place
 from circlecal.tracking.markings import DrawnTemplate, template_curves
+from circlecal.tracking.one_view import tripod_of_frame
 from circlecal.tracking.paint_width import priors_of_frames
 from circlecal.tracking.pitch import (
     SHAPES,
@@ -41,6 +43,9 @@ from circlecal.tracking.pitch import (
     search_length,
     search_width,
 )
+from circlecal.tracking.seen_paint import MeasuredFrame
+from circlecal.tracking.shared_pitch import KnownPitch, fit_before, size_variance, tell_pitch
+from circlecal.tracking.survey_steps import UNTOLD, SurveySteps
 from circlecal.tracking.tripod_fit import TripodFit, count_alike, fit_tripod, free_parameters, start_tripod
 
 _log = logging.getLogger(__name__)
@@ -51,8 +56,10 @@ length of its pitch (48 % of its frames answered, with 0.2 s 93 %).
 """
 SAME_PLACE_M = 0.8
 """How far apart single frames put one camera, beyond their own uncertainty: the lever arm moves the pupil so far."""
+LEAST_PICTURES = 5
+"""Pictures that a short clip is looked at in at least, where it has as many."""
 LEAST_FRAMES = 2
-"""Frames that make a tripod."""
+"""Frames that make a tripod, but of a clip that shows one view, in which a second one that agrees confirms nothing."""
 WORTH_SHARE = 0.25
 """Share of the worth of the best proposal's first look below which another one is not looked at again."""
 ROUNDS, LOOKS = 3, 3
@@ -61,6 +68,8 @@ FOUND_SD_PX, FOUND_SD_ZOOM = 3.0, 0.004
 """Of a head that the paint of its own frame tells, while its tripod changes, pixels at 1920 px width and logarithm of
 the focal length.
 """
+STAYING_SHARE = 0.8
+"""Share of its frames that a tripod must find again before the pitch of another one of its clip."""
 LEAST_GRASS = 0.15
 """Share of the picture that the playing surface covers where a search is worth it."""
 AGREEING = 16.3
@@ -83,6 +92,7 @@ def survey_clip(
     known: Venue | None = None,
     anchors: Sequence[Anchor] = (),
     period_s: float = 0.0,
+    steps: SurveySteps = UNTOLD,
 ) -> Venue:
     """Find the cameras of a clip.
 
@@ -101,6 +111,8 @@ def survey_clip(
         Frames that a person named, by times like those of the pictures; one alone makes a camera.
     period_s : float
         Time between two frames of the video: how far a turning head smears their paint. 0 where it is not known.
+    steps : SurveySteps
+        Told how far it is.
 
     Returns
     -------
@@ -110,40 +122,156 @@ def survey_clip(
     template, circle = field_of(config)
     drawn = template_curves(template)
     pictures_at = join_fields_of(pictures_at) if config.mask.deinterlace else pictures_at
-    step = max(LEAST_STEP_S, duration_s / MOST_PICTURES)
-    times = np.arange(0.0, max(duration_s - 0.5 * step, 0.01), step).tolist()
+    times = _choose_times(duration_s, period_s)
     is_known = known is not None and len(known.tripods) > 0
     paint = None if known is None else known.paint_bgr
     config = suit_tracking(config, paint)
-    look = look_through(pictures_at, times, config, drawn, anchors, is_known=is_known)
+    at_first, between = (steps.decode(stage, pictures_at) for stage in ("looking at frames", "looking between frames"))
+    look = look_through(at_first, times, config, drawn, anchors, is_known=is_known)
     learnt_paint = learn_paint(look, config)
     if learnt_paint is not None:
         paint, config = learnt_paint, suit_tracking(config, learnt_paint)
-        look = look_through(pictures_at, times, config, drawn, anchors)
-    alone, usual, pictures = look.alone, look.surface_colour, look.with_one_surface()
+        look = look_through(at_first, times, config, drawn, anchors)
+    looked = LookedThrough.of(look, between, config, period_s, steps)
     if known is not None and is_known:
-        tripods = []
-        for tripod in known.tripods:
-            extended, members = _extend(tripod, [], pictures, config, template, drawn, period_s, tripod)
-            if len(members) >= LEAST_FRAMES:
-                own = learn_closely(extended, members, pictures, pictures_at, config, drawn, usual, period_s)
-                measured = [frame.measured for frame in members]
-                prior = priors_of_frames(config, template, tripod.size, measured, tripod.model.log_focal)
-                extended = _learn_from(tripod, extended, own, members, prior, drawn)
-            _note_changes(tripod, extended)
-            tripods.append(extended)
-        return Venue(template.name, tuple(tripods), paint)
-    starts = _tripods(alone, config, template, circle, drawn)
+        return Venue(template.name, tuple(_learn_known(tripod, looked) for tripod in known.tripods), paint)
+    if looked.is_one_view:
+        return Venue(template.name, _tripods_of_one_view(look.alone, looked), paint)
+    starts = _tripods(look.alone, config, template, circle, drawn)
     grown: dict[str, tuple[TripodEstimate, list[HeadedFrame]]] = {}
     for start, members in starts:
         if not any(set(start.used) <= set(tripod.used) for tripod, _ in grown.values()):
-            grown[start.name] = _extend_and_measure(start, members, pictures, config, template, drawn, period_s)
+            grown[start.name] = _extend_and_measure(start, members, looked)
     distinct = _keep_distinct([tripod for tripod, _ in grown.values()])
     _note_hips([grown[tripod.name] for tripod in distinct], config, template, drawn)
-    learnt = [
-        learn_closely(t, grown[t.name][1], pictures, pictures_at, config, drawn, usual, period_s) for t in distinct
-    ]
-    return Venue(template.name, tuple(_keep_distinct(learnt)), paint)
+    learnt = _keep_distinct([_learn_closely(tripod, grown[tripod.name][1], looked) for tripod in distinct])
+    return Venue(template.name, tuple(_share_pitch(learnt, grown, looked)), paint)
+
+
+def _choose_times(duration_s: float, period_s: float) -> list[float]:
+    """When pictures of a clip are looked at, seconds; of a short one as many frames as it has, up to a few."""
+    least = min(LEAST_STEP_S, max(period_s, duration_s / LEAST_PICTURES)) if period_s > 0.0 else LEAST_STEP_S
+    step = max(least, duration_s / MOST_PICTURES)
+    return np.arange(0.0, max(duration_s - 0.5 * step, 0.01), step).tolist()
+
+
+@dataclass(frozen=True, slots=True)
+class LookedThrough:
+    """A clip whose pictures were looked at, as tripods are found in it.
+
+    Attributes
+    ----------
+    pictures : dict
+        Those that were looked at, by their names.
+    pictures_at : callable
+        Decodes further ones.
+    colour : (2,) array or None
+        Of the playing surface.
+    config, template, drawn : Config, FieldTemplate, DrawnTemplate
+        Options, and the field.
+    period_s : float
+        Time between two frames of the video, 0 where it is not known.
+    is_one_view : bool
+        Whether its pictures lie so near to each other that they show one view.
+    steps : SurveySteps
+        Told how far it is.
+    """
+
+    pictures: dict[str, LookedAt]
+    pictures_at: PicturesAt
+    colour: Array | None
+    config: Config
+    template: FieldTemplate
+    drawn: DrawnTemplate
+    period_s: float = 0.0
+    is_one_view: bool = False
+    steps: SurveySteps = UNTOLD
+
+    @classmethod
+    def of(
+        cls, look: FirstLook, pictures_at: PicturesAt, config: Config, period_s: float, steps: SurveySteps
+    ) -> LookedThrough:
+        """After the first look at a clip."""
+        template, _ = field_of(config)
+        times = [float(name) for name in look.pictures]
+        is_one_view = len(times) > 0 and max(times) - min(times) < LEAST_STEP_S
+        return cls(
+            look.with_one_surface(), pictures_at, look.surface_colour, config, template, template_curves(template),
+            period_s, is_one_view, steps,
+        )  # fmt: skip
+
+    def prior_of(self, tripod: TripodEstimate, measured: Sequence[MeasuredFrame]) -> tuple[Array, Array]:
+        """Means and standard deviations (K,) of what all frames of a tripod share, with how broad their paint looks."""
+        return priors_of_frames(self.config, self.template, tripod.size, measured, tripod.model.log_focal)
+
+
+def _tripods_of_one_view(alone: Sequence[Alone], clip: LookedThrough) -> tuple[TripodEstimate, ...]:
+    """The tripod of a clip that shows one view: that of the frame which knows best where it is, or was named."""
+    if not alone:
+        return ()
+    surest = min(alone, key=lambda frame: (not frame.is_named, float(np.trace(frame.fit.covariance[4:7, 4:7]))))
+    size = surest.fit.model.width, surest.fit.model.height
+    given = clip.config, clip.template, size, [surest.measured], float(surest.fit.theta[0])
+    return (tripod_of_frame("camera-1", surest.name, surest.fit, *priors_of_frames(*given)),)
+
+
+def _learn_known(known: TripodEstimate, clip: LookedThrough) -> TripodEstimate:
+    """A tripod that was known before, with what a clip tells of it."""
+    extended, members = _extend(known, [], clip, known)
+    if len(members) >= LEAST_FRAMES:
+        own = _learn_closely(extended, members, clip)
+        prior = clip.prior_of(known, [frame.measured for frame in members])
+        extended = _learn_from(known, extended, own, members, prior, clip.drawn)
+    _note_changes(known, extended)
+    return extended
+
+
+def _learn_closely(
+    tripod: TripodEstimate, members: list[HeadedFrame], clip: LookedThrough, pitch: KnownPitch | None = None
+) -> TripodEstimate:
+    """A tripod by its frames and by others between them, all measured closely."""
+    clip.steps.begin(f"{tripod.name}: measuring closely")
+    given = clip.pictures, clip.pictures_at, clip.config, clip.drawn, clip.colour, clip.period_s
+    return learn_closely(tripod, members, *given, pitch)
+
+
+def _share_pitch(
+    learnt: Sequence[TripodEstimate],
+    grown: Mapping[str, tuple[TripodEstimate, list[HeadedFrame]]],
+    clip: LookedThrough,
+) -> list[TripodEstimate]:
+    """The tripods of a clip before one pitch: that of the surest of them is that of the others. Where it leaves a size
+    open, the next one adds what it tells, and at last those before it follow.
+
+    One that finds far fewer of its frames before this pitch stands before another one, and keeps what it told.
+    """
+    if len(learnt) < 2:
+        return list(learnt)
+    first, *others = sorted(learnt, key=size_variance)
+    pitch = KnownPitch.of(first)
+    shared, apart = [first], []
+    for own in others:
+        tripod, members = grown[own.name]
+        tripod, found = _extend(*_move_to(pitch, tripod, members, clip), clip, pitch=pitch)
+        if len(found) < STAYING_SHARE * len(members):
+            _log.warning("%s: its pitch does not seem to be that of %s", own.name, first.name)
+            apart.append(own)
+            continue
+        shared.append(_learn_closely(tripod, found, clip, pitch))
+        pitch = pitch if pitch.is_settled.all() else KnownPitch.of(shared[-1], pitch.is_settled)
+    if not pitch.is_settled.all():
+        shared = [*(tell_pitch(tripod, shared[-1]) for tripod in shared[:-1]), shared[-1]]
+    return _keep_distinct([*shared, *apart])
+
+
+def _move_to(
+    pitch: KnownPitch, tripod: TripodEstimate, members: list[HeadedFrame], clip: LookedThrough
+) -> tuple[TripodEstimate, list[HeadedFrame]]:
+    """A tripod and its frames before a pitch that is known: place and zoom make up for another size."""
+    mean, sd = pitch.tell(*clip.prior_of(tripod, [frame.measured for frame in members]))
+    fit = fit_tripod(members, pitch.take(tripod), mean, sd, clip.drawn)
+    heads = zip(members, fit.heads, strict=True)
+    return fit.estimate, [replace(frame, head=head) for frame, head in heads]
 
 
 def _note_changes(known: TripodEstimate, found: TripodEstimate) -> None:
@@ -244,7 +372,11 @@ def _keep_distinct(tripods: Sequence[TripodEstimate]) -> list[TripodEstimate]:
 
 
 def _tripods(
-    alone: Sequence[Alone], config: Config, template: FieldTemplate, circle: Circle, drawn: DrawnTemplate
+    alone: Sequence[Alone],
+    config: Config,
+    template: FieldTemplate,
+    circle: Circle,
+    drawn: DrawnTemplate,
 ) -> list[tuple[TripodEstimate, list[HeadedFrame]]]:
     """Tripods of frames that were calibrated alone, the one with the most frames first, and these frames."""
     least = _least_frames(alone)
@@ -307,36 +439,33 @@ def _fit_alone(
 def _extend(
     tripod: TripodEstimate,
     members: list[HeadedFrame],
-    pictures: dict[str, LookedAt],
-    config: Config,
-    template: FieldTemplate,
-    drawn: DrawnTemplate,
-    period_s: float,
+    clip: LookedThrough,
     known: TripodEstimate | None = None,
+    pitch: KnownPitch | None = None,
 ) -> tuple[TripodEstimate, list[HeadedFrame]]:
     """The tripod after it has found its other frames among the pictures, and learnt from them; what is known of it from
     elsewhere stays known. And these frames.
     """
-    mean, sd = priors_of_frames(config, template, tripod.size, [], tripod.model.log_focal)
-    sizes = {n: p for n, p in pictures.items() if p.size == tripod.size and p.grass_share >= LEAST_GRASS}
+    template = clip.template
+    mean, sd = clip.prior_of(tripod, [])
+    sizes = {n: p for n, p in clip.pictures.items() if p.size == tripod.size and p.grass_share >= LEAST_GRASS}
     for _ in range(ROUNDS):
         place = Place.of(tripod, template)
         frames = []
         before, path = {frame.name: frame for frame in members}, HeadPath.of(members)
-        for name, picture in sizes.items():
+        for name, picture in clip.steps.count(f"{tripod.name}: finding its frames", sizes.items(), len(sizes)):
             seen = before.get(name)
             look = (
                 _find_beyond(place, picture, mean, sd)
                 if seen is None
-                else _look_again(place, picture, seen, path.blur_px(float(name), tripod, period_s))
+                else _look_again(place, picture, seen, path.blur_px(float(name), tripod, clip.period_s))
             )
             is_painted = look is not None and len(look.measured.marking) > 0
             if look is not None and is_painted and (look.is_confirmed or seen is not None):
                 frames.append(HeadedFrame(name, look.fit.head, look.measured))
-        seen_paint = [frame.measured for frame in frames]
-        mean, sd = priors_of_frames(config, template, tripod.size, seen_paint, tripod.model.log_focal)
-        is_hipped = config.camera.crown_shape == "hip"
-        fit = _fit_members(frames, tripod, mean, sd, drawn, known, is_hipped=is_hipped)
+        mean, sd = clip.prior_of(tripod, [frame.measured for frame in frames])
+        clip.steps.begin(f"{tripod.name}: fitting")
+        fit = _fit_members(frames, tripod, mean, sd, clip, known, pitch)
         if fit is None:
             return tripod, members
         is_settled = set(fit.estimate.used) == set(tripod.used)
@@ -360,27 +489,21 @@ def _look_again(place: Place, picture: LookedAt, frame: HeadedFrame, blur_px: Ar
 
 
 def _extend_and_measure(
-    tripod: TripodEstimate,
-    members: list[HeadedFrame],
-    pictures: dict[str, LookedAt],
-    config: Config,
-    template: FieldTemplate,
-    drawn: DrawnTemplate,
-    period_s: float,
+    tripod: TripodEstimate, members: list[HeadedFrame], clip: LookedThrough
 ) -> tuple[TripodEstimate, list[HeadedFrame]]:
     """The tripod with all its frames, before a pitch whose size was searched for where these do not tell it.
 
     The width is searched for once more at the end: a frame that is found with the length may have the touchline taken
     for a false one. So a pitch 57 m wide was held near 68 m, where the foot of the boards was taken for its touchline.
     """
-    tripod, members = _extend(tripod, members, pictures, config, template, drawn, period_s)
+    tripod, members = _extend(tripod, members, clip)
     searched = tripod
     for search in (search_length, search_width):
-        searched = search(searched, members, pictures, template) or searched
+        searched = search(searched, members, clip.pictures, clip.template) or searched
     if searched is tripod:
         return tripod, members
-    tripod, members = _extend(searched, members, pictures, config, template, drawn, period_s)
-    return search_width(tripod, members, pictures, template) or tripod, members
+    tripod, members = _extend(searched, members, clip)
+    return search_width(tripod, members, clip.pictures, clip.template) or tripod, members
 
 
 def _find_beyond(place: Place, picture: LookedAt, mean: Array, sd: Array) -> Look | None:
@@ -411,21 +534,23 @@ def _fit_members(
     tripod: TripodEstimate,
     mean: Array,
     sd: Array,
-    drawn: DrawnTemplate,
+    clip: LookedThrough,
     known: TripodEstimate | None = None,
-    *,
-    is_hipped: bool = False,
+    pitch: KnownPitch | None = None,
 ) -> TripodFit | None:
     """The tripod of found frames, without those that do not fit the others; with the better shape of the surface, where
     it is not known from elsewhere.
     """
-    kept = list(frames)
+    kept, drawn = list(frames), clip.drawn
     limit = WORST_RMS_PX * tripod.size[0] / 1920.0
+    is_hipped = clip.config.camera.crown_shape == "hip"
     while len(kept) >= LEAST_FRAMES:
-        if known is None:
-            fit = choose_pitch(kept, tripod, mean, sd, drawn, limit, is_hipped=is_hipped)
-        else:
+        if known is not None:
             fit = _learn_beside(known, kept, tripod, drawn)
+        elif pitch is not None:
+            fit = fit_before(pitch, kept, tripod, mean, sd, drawn)
+        else:
+            fit = choose_pitch(kept, tripod, mean, sd, drawn, limit, is_hipped=is_hipped)
         worst = int(np.argmax(fit.clear_rms_px))
         if fit.clear_rms_px[worst] <= limit:
             return fit

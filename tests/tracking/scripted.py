@@ -15,6 +15,7 @@ from circlecal.results import Check
 from circlecal.rig.tripod import COMMON, PLACE, TripodEstimate, Venue
 from circlecal.tracking.entry import ClipFrame
 from circlecal.tracking.results import Head, TrackedFrame
+from circlecal.tracking.survey_steps import UNTOLD, SurveySteps
 
 SIZE, RATE = (320, 180), 10.0
 CUT_FRAME, LOST_FRAMES = 20, (7, 8)
@@ -72,7 +73,10 @@ def survey_clip(
     known: Venue | None = None,
     anchors: object = (),
     period_s: float = 0.0,
+    steps: SurveySteps = UNTOLD,
 ) -> Venue:
+    for _ in steps.count("looking at frames", range(2), 2):
+        pass
     return known or Venue(config.field.template, (replace(tripod(), used=("a", "b")),))
 
 

@@ -76,6 +76,20 @@ def test_every_frame_has_a_line_and_a_row(tmp_path, engine):
     assert venue.config_digest == clip_run().digest and venue.tripods[0].frames == ["a", "b"]
 
 
+@pytest.mark.parametrize(
+    ("names", "workers", "told"),
+    [
+        (["clip"], 2, [("looking at frames", 0, 2), ("looking at frames", 1, 2), ("looking at frames", 2, 2)]),
+        (["a", "b"], 1, [(f"{name}: looking at frames", done, 2) for name in "ab" for done in range(3)]),
+    ],
+)
+def test_who_waits_is_told_how_far_a_survey_is(tmp_path, engine, names, workers, told):
+    steps: list[tuple[str, int, int]] = []
+    videos = [open_clip(tmp_path, name, 12) for name in names]
+    run_track(videos, clip_run(), tmp_path / "out", workers=workers, on_step=lambda *step: steps.append(step))
+    assert steps == told
+
+
 def test_every_takes_each_nth_frame_or_one_a_time(tmp_path, engine):
     video = open_clip(tmp_path)
     run_track([video], clip_run("5"), tmp_path / "fifth")

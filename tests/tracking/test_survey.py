@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import av
 import numpy as np
@@ -67,6 +68,12 @@ def test_a_camera_that_ends_beside_what_the_venue_says_is_told(
         assert [message[: len(told[0])] if told else message for message in caplog.messages] == told
 
 
+def _looked_through(pictures: dict[str, Any]) -> survey.LookedThrough:
+    """A clip of which these pictures were looked at."""
+    drawn = template_curves(template())
+    return survey.LookedThrough(pictures, lambda _: iter(()), None, load_config(), template(), drawn, 0.04)
+
+
 def _write_clip(path: Path, pictures: list[NDArray[np.uint8]]) -> Video:
     """A clip of ten frames per second."""
     with av.open(str(path), "w") as container:
@@ -118,8 +125,8 @@ def test_a_tripod_stays_as_it_was_where_its_frames_show_no_paint_any_more(monkey
     look = SimpleNamespace(measured=bare, is_confirmed=False, fit=SimpleNamespace(head=HEAD))
     monkeypatch.setattr(survey, "_look_again", lambda *_: look)
     pictures = {frame.name: SimpleNamespace(size=SIZE, grass_share=1.0) for frame in members}
-    known, drawn = tripod(), template_curves(template())
-    found, kept = survey._extend(known, members, pictures, load_config(), template(), drawn, 0.04)  # type: ignore[arg-type]
+    known = tripod()
+    found, kept = survey._extend(known, members, _looked_through(pictures))
     assert (found, kept) == (known, members)
 
 
@@ -225,7 +232,5 @@ def test_a_width_that_later_frames_leave_open_is_searched_for_once_more(monkeypa
     monkeypatch.setattr(survey, "_extend", lambda *_: (next(extended), ["members"]))
     monkeypatch.setattr(survey, "search_length", lambda tripod, *_: SimpleNamespace(state="longer"))
     monkeypatch.setattr(survey, "search_width", lambda tripod, *_: narrow if tripod is open_width else None)
-    found, members = survey._extend_and_measure(
-        told, [], {}, load_config(), template(), template_curves(template()), 0.0
-    )
+    found, members = survey._extend_and_measure(told, [], _looked_through({}))  # type: ignore[arg-type]
     assert found is narrow and members == ["members"]
