@@ -6,10 +6,9 @@ import numpy as np
 
 from circlecal.camera.viewing_coordinates import VIEWING, from_viewing, to_viewing, viewing_jacobian
 from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, Projection, active_parameters
+from circlecal.geometry.least_squares import invert_normal
 from circlecal.geometry.projective import Array, dehomogenise, lift
 
-LARGEST_INVERSE = 1e11
-"""Entries of an inverse beyond which it is taken without its singular directions."""
 MOST_LAG = 40
 """Residuals along a curve are compared with at most so many that follow them."""
 
@@ -19,11 +18,8 @@ def posterior_covariance(normal: Array, sd: Array) -> Array:
     fixed.
     """
     active = active_parameters(sd)
-    block = normal[..., active[:, None], active]
-    size = np.sqrt(np.maximum(np.diagonal(block, axis1=-2, axis2=-1), 1e-300))
-    scale = size[..., :, None] * size[..., None, :]
     covariance = np.zeros(normal.shape)
-    covariance[..., active[:, None], active] = _inverse(block / scale) / scale
+    covariance[..., active[:, None], active] = invert_normal(normal[..., active[:, None], active])
     return covariance
 
 
@@ -41,19 +37,6 @@ def count_from_seen(by_growth: Array) -> Array:
     turn[INDEX["x"], INDEX["length"]] = -by_growth[0]
     turn[INDEX["y"], INDEX["breadth"]] = -by_growth[1]
     return turn
-
-
-def _inverse(correlation: Array) -> Array:
-    """Inverses (..., Q, Q) of correlation-like matrices, without the directions in which each of them is singular."""
-    try:
-        inverse = np.linalg.inv(correlation)
-    except np.linalg.LinAlgError:
-        inverse = np.full_like(correlation, np.inf)
-    if np.abs(inverse).max() < LARGEST_INVERSE:
-        return np.asarray(0.5 * (inverse + inverse.swapaxes(-1, -2)))
-    if correlation.ndim > 2:
-        return np.array([_inverse(own) for own in correlation])
-    return np.asarray(np.linalg.pinv(correlation, rcond=1e-13, hermitian=True))
 
 
 def spread_cameras(theta: Array, covariance: Array, center_m: Array) -> Array:

@@ -274,14 +274,8 @@ class Projection:
         that is seen at a given pixel, ``trace(F^-1 (J S J^T + s^2 I) F^-T)`` with the derivative F by the field
         position, where the pixel itself is known to a standard deviation s along x and along y, a number or (N,).
         """
-        (by_x, field_x), (by_y, field_y) = (self.gradient(axis) for axis in self._axes())
-        # the sizes of the markings, which come last, move no point
-        own = slice(0, INDEX["width"])
-        by_x, by_y = by_x[0, own], by_y[0, own]
-        pushed_x, pushed_y = covariance[own, own] @ by_x, covariance[own, own] @ by_y
-        xx, xy, yy = ((a * b).sum(axis=0) for a, b in ((pushed_x, by_x), (pushed_x, by_y), (pushed_y, by_y)))
+        (xx, xy, yy), ((a, b), (c, d)) = self._push(covariance)
         given_xx, given_yy = (variance + np.square(point_sigma_px) for variance in (xx, yy))
-        (a, b), (c, d) = field_x[0], field_y[0]
         with np.errstate(divide="ignore", invalid="ignore"):
             # F^-1 = [[d, -b], [-c, a]] / det F
             ground = (d * d + c * c) * given_xx - 2.0 * (b * d + a * c) * xy + (a * a + b * b) * given_yy
@@ -292,14 +286,23 @@ class Projection:
         """Covariances of the places of the first camera's points: (N, 2, 2) in pixels, and (N, 2, 2) in metres of the
         field point that is seen at a given pixel: ``J S J^T`` and ``F^-1 (J S J^T + s^2 I) F^-T``, as of :meth:`sigma`.
         """
-        by_theta, by_field = (derivatives[0] for derivatives in self.jacobians())
-        own = slice(0, INDEX["width"])
-        image = by_theta[..., own] @ covariance[own, own] @ np.swapaxes(by_theta[..., own], -1, -2)
-        back = np.full_like(by_field, np.nan)
-        sound = np.abs(np.linalg.det(by_field)) > 0.0
-        back[sound] = np.linalg.inv(by_field[sound])
+        (xx, xy, yy), ((a, b), (c, d)) = self._push(covariance)
+        determinant = a * d - b * c
+        determinant[determinant == 0.0] = np.nan
+        back = np.array([[d, -b], [-c, a]] / determinant).transpose(2, 0, 1)
+        image = np.array([[xx, xy], [xy, yy]]).transpose(2, 0, 1)
         given = image + np.square(np.asarray(point_sigma_px, dtype=np.float64))[..., None, None] * np.eye(2)
         return image, back @ given @ np.swapaxes(back, -1, -2)
+
+    def _push(self, covariance: Array) -> tuple[tuple[Array, Array, Array], tuple[Array, Array]]:
+        """Of the first camera's points, the entries xx, xy and yy (N,) of J S J^T, and the rows (2, N) of F."""
+        (by_x, field_x), (by_y, field_y) = (self.gradient(axis) for axis in self._axes())
+        # the sizes of the markings, which come last, move no point
+        own = slice(0, INDEX["width"])
+        by_x, by_y = by_x[0, own], by_y[0, own]
+        pushed_x, pushed_y = covariance[own, own] @ by_x, covariance[own, own] @ by_y
+        entries = (pushed_x * by_x).sum(axis=0), (pushed_x * by_y).sum(axis=0), (pushed_y * by_y).sum(axis=0)
+        return entries, (field_x[0], field_y[0])
 
     def _axes(self) -> Array:
         """Unit vectors (2, B, 2, N) of the picture at every point."""

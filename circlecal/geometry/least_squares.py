@@ -25,6 +25,8 @@ LEAST_PROMISE = 1e-100
 """Taken for the fall of the cost of a step that promises none, in order to divide by it: of costs up to 1e200 what is
 left is a number.
 """
+LARGEST_INVERSE = 1e11
+"""Entries of the inverse of a correlation-like matrix beyond which it is taken without its singular directions."""
 EXACT = 1e-24
 """Cost (chi-square) at which the residuals are rounding errors."""
 HOPELESS = 100.0
@@ -426,7 +428,22 @@ def predict_decrease(normal: Array, gradient: Array, change: Array) -> Array:
     return -np.asarray(((2.0 * gradient + (normal @ change[..., None])[..., 0]) * change).sum(axis=1))
 
 
-def invert_normal(matrix: Array) -> Array:
-    """Inverse of a normal matrix (P, P) of quantities of very different size."""
-    size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    return np.asarray(np.linalg.pinv(matrix / np.outer(size, size), rcond=1e-13, hermitian=True) / np.outer(size, size))
+def invert_normal(matrices: Array) -> Array:
+    """Inverses of normal matrices (..., P, P) of quantities of very different size, without the directions in which
+    each of them is singular.
+    """
+    size = np.sqrt(np.maximum(np.diagonal(matrices, axis1=-2, axis2=-1), 1e-300))
+    scale = size[..., :, None] * size[..., None, :]
+    return np.asarray(_invert_correlation(matrices / scale) / scale)
+
+
+def _invert_correlation(correlation: Array) -> Array:
+    try:
+        inverse = np.linalg.inv(correlation)
+    except np.linalg.LinAlgError:
+        inverse = np.full_like(correlation, np.inf)
+    if np.abs(inverse).max(initial=0.0) < LARGEST_INVERSE:
+        return np.asarray(0.5 * (inverse + inverse.swapaxes(-1, -2)))
+    if correlation.ndim > 2:
+        return np.array([_invert_correlation(own) for own in correlation])
+    return np.asarray(np.linalg.pinv(correlation, rcond=1e-13, hermitian=True))

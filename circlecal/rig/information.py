@@ -31,7 +31,7 @@ def estimate_common(problem: JointProblem, state: JointState, without: int | Non
     kept = np.arange(len(state.costs)) != (-1 if without is None else without)
     covariance = invert_normal(state.H_common + precision[kept].sum(axis=0))
     mean = state.common - covariance @ (state.g_common + gradient[kept].sum(axis=0))
-    return mean, (covariance + covariance.T) / 2
+    return mean, covariance
 
 
 def shared_prior(
@@ -94,14 +94,14 @@ def deletion_gains(state: JointState) -> Array:
     """By how much the cost of all the others falls, to first order, where one frame is left out (F,)."""
     precision, gradient = frame_information(state)
     total = state.H_common + precision.sum(axis=0)
-    return np.array([g @ invert_normal(total - own) @ g for own, g in zip(precision, gradient, strict=True)])
+    return np.asarray(np.einsum("fc,fcd,fd->f", gradient, invert_normal(total - precision), gradient))
 
 
 def joint_covariances(state: JointState) -> Array:
     """Covariances (F, P, P) of the frames' parameter vectors, with what all the others bring."""
     precision, _ = frame_information(state)
     common = invert_normal(state.H_common + precision.sum(axis=0))
-    inverse = np.stack([invert_normal(block) for block in state.H_oo])
+    inverse = invert_normal(state.H_oo)
     gain = inverse @ state.H_oc
     by_common = state.by_common - state.by_own @ gain
     return np.asarray(
