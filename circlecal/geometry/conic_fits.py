@@ -120,7 +120,7 @@ def _taubin(scatter: Array, points: Array, weights: Array | None) -> Array:
 FIT_METHODS = ("direct", "algebraic", "taubin")
 
 
-def fit_conic(points: ArrayLike, method: str = "direct", weights: ArrayLike | None = None) -> Array | None:
+def fit_conic(points: ArrayLike, method: str = "direct") -> Array | None:
     """Conic through many points by a closed form.
 
     Parameters
@@ -131,13 +131,11 @@ def fit_conic(points: ArrayLike, method: str = "direct", weights: ArrayLike | No
         Fitzgibbon's direct ellipse fit in Halir and Flusser's split (always an ellipse; shrinks on short arcs), plain
         least squares on unit coefficients, or Taubin's gradient-weighted fit (unbiased down to quarter arcs; may give a
         hyperbola on shorter ones).
-    weights : (N,) array, optional
-        Inverse variances.
 
     Returns
     -------
     (3, 3) array or None
-        The normalised conic; None where the points determine none (too few, collinear, not finite, of no weight).
+        The normalised conic; None where the points determine none (too few, collinear, not finite).
     """
     if method not in FIT_METHODS:
         raise ValueError(f"method must be one of {FIT_METHODS}, not {method!r}")
@@ -146,18 +144,13 @@ def fit_conic(points: ArrayLike, method: str = "direct", weights: ArrayLike | No
         return None
     T = similarity_normalisation(p)
     local = p * T[0, 0] + T[:2, 2]
-    w = None if weights is None else np.asarray(weights, dtype=np.float64)
-    if w is not None:
-        if not (np.isfinite(w).all() and (w >= 0.0).all() and w.any()):
-            return None
-        w = w / w.max()
-    scatter = _scatter(local, w)
+    scatter = _scatter(local, None)
     spectrum = np.linalg.eigvalsh(scatter)
     # more than one conic passes through points that are collinear or stand in fewer than five places
     if spectrum[1] <= RANK_TOLERANCE * spectrum[5]:
         return None
     try:
-        coefficients = _closed_form(method, scatter, local, w)
+        coefficients = _closed_form(method, scatter, local, None)
     except np.linalg.LinAlgError:
         return None
     conic = normalise_conic(_denormalise(coefficients, T))

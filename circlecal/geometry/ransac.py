@@ -108,7 +108,8 @@ def ransac_conic(
         Closed form of the local refits.
     confidence : float
         Sampling stops when, with this probability, some sample held no outlier, by the inliers of the best conic so far
-        (Fischler and Bolles 1981, section II B); 1 draws them all.
+        (Fischler and Bolles 1981, section II B), after some times as many samples, since noise makes many of them poor;
+        1 draws them all.
     start : (3, 3) array, optional
         An ellipse from elsewhere. Where it explains nearly all points and ``confidence`` is less than 1, it is the
         answer, and nothing is fitted.
@@ -148,9 +149,8 @@ def ransac_conic(
 
 
 def _count_samples(best: RobustConic | None, most: int, confidence: float) -> int:
-    """How many samples of five points make one without outliers as sure as ``confidence``, at most ``most``.
-
-    None where the fit to all points explains nearly all of them.
+    """How many samples of five points make one without outliers as sure as ``confidence``, with some more for noise, at
+    most ``most``; 0 where the best conic so far explains nearly all points.
     """
     share = 0.0 if best is None else float(np.mean(best.inliers))
     if confidence >= 1.0 or share <= 0.0:
@@ -162,7 +162,7 @@ def _count_samples(best: RobustConic | None, most: int, confidence: float) -> in
 
 
 def _best_refit(conics: Array, points: Array, threshold: Array, method: str) -> RobustConic:
-    """Best of conics (K, 3, 3) after local refits (none where it explains nearly all points), in the points' frame."""
+    """Best of conics (K, 3, 3) after local refits, without any where it explains nearly all points; in their frame."""
     costs = msac_costs(conics, points, threshold)
     inliers = np.abs(sampson_distance(conics[np.argmin(costs)], points)) < threshold
     if inliers.mean() > NEARLY_ALL:

@@ -200,7 +200,7 @@ def _stand_together(first: Rig, second: Rig, config: Config) -> bool:
 
 def _locate(rig: Rig) -> tuple[Array, Array]:
     """Where a rig's camera or its pan axis stands (3,), metres, and the covariance of that, 0 along what is fixed."""
-    mean, covariance = estimate_common(rig.problem, rig.state)
+    mean, covariance = estimate_common(rig.state)
     shared, count = rig.problem.shared, len(rig.problem.shared)
     theta, spread = rig.problem.base, np.zeros((len(PARAMETERS), len(PARAMETERS)))
     theta[shared] = mean[:count]

@@ -21,7 +21,7 @@ def frame_information(state: JointState) -> tuple[Array, Array]:
     return precision, gradient
 
 
-def estimate_common(problem: JointProblem, state: JointState, without: int | None = None) -> tuple[Array, Array]:
+def estimate_common(state: JointState, without: int | None = None) -> tuple[Array, Array]:
     """Mean (C,) and covariance (C, C) of the common parameters from all frames, or from all but one.
 
     A frame that is fitted under what the others say, linearised at the joint optimum, is fitted as in the joint
@@ -49,7 +49,7 @@ def shared_prior(
         A camera that points about where the one does that the prior is for. A camera on a tripod moves while it turns:
         without any of both, how much it moved among the frames is part of the covariance.
     """
-    mean, covariance = estimate_common(problem, state, without)
+    mean, covariance = estimate_common(state, without)
     K, Z = len(problem.shared), len(problem.zoomed)
     if problem.is_on_tripod:
         if theta is not None:
@@ -95,15 +95,3 @@ def deletion_gains(state: JointState) -> Array:
     precision, gradient = frame_information(state)
     total = state.H_common + precision.sum(axis=0)
     return np.asarray(np.einsum("fc,fcd,fd->f", gradient, invert_normal(total - precision), gradient))
-
-
-def joint_covariances(state: JointState) -> Array:
-    """Covariances (F, P, P) of the frames' parameter vectors, with what all the others bring."""
-    precision, _ = frame_information(state)
-    common = invert_normal(state.H_common + precision.sum(axis=0))
-    inverse = invert_normal(state.H_oo)
-    gain = inverse @ state.H_oc
-    by_common = state.by_common - state.by_own @ gain
-    return np.asarray(
-        state.by_own @ inverse @ np.swapaxes(state.by_own, 1, 2) + by_common @ common @ np.swapaxes(by_common, 1, 2)
-    )

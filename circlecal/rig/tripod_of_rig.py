@@ -24,7 +24,7 @@ def venue_of_rigs(rigs: list[Rig], field: str) -> Venue:
 def tripod_of_rig(rig: Rig) -> TripodEstimate:
     """The tripod of a rig; what single frames may deviate counts as uncertainty of what they share."""
     problem, state = rig.problem, rig.state
-    found, spread = estimate_common(problem, state)
+    found, spread = estimate_common(state)
     shared = [_SAME_NAME.get(PARAMETERS[k], PARAMETERS[k]) for k in problem.shared]
     slopes = [f"{PARAMETERS[k]}_by_zoom" for k in problem.zoomed]
     at = [PLACE[name] for name in (*shared, *slopes, *(TURNING[k] for k in problem.turning.free))]

@@ -1,6 +1,6 @@
 """Case 3 of Magera et al. 2025 (section 3.3): the imaged centre from both edges of the marking, then case 1 or 2.
 
-The centre is an eigenvector of ``E_inner^-1 E_outer`` (Huang et al. 2015).
+The centre is an eigenvector of ``E_outer^-1 E_inner`` (Huang et al. 2015), and of its inverse alike.
 """
 
 from __future__ import annotations

@@ -188,7 +188,7 @@ def _best_shift(
     second = np.arange(-steps, steps + 1) * (turned / steps / reach[1])
     responses = _responses(picture, surface, course, furthest + turned, unit)
     modes = _average_neighbours(course.modes)
-    sums = np.array([_sums(responses, first[:, None] * modes[:, 0] + turn * modes[:, 1], unit) for turn in second])
+    sums = np.array([_sums(responses, first[:, None] * modes[:, 0] + turn * modes[:, 1]) for turn in second])
     middle = np.median(sums)
     sums = (sums - middle) / max(1.4826 * float(np.median(np.abs(sums - middle))), 1e-9)
     turn, at = np.unravel_index(int(sums.argmax()), sums.shape)
@@ -231,7 +231,7 @@ def _limit(response: Array, seen: NDArray[np.bool_]) -> Array:
     return np.asarray(np.where(seen, np.clip(response, -CLIPPED * usual, CLIPPED * usual), 0.0))
 
 
-def _sums(responses: _Responses, shifts: Array, unit: float) -> Array:
+def _sums(responses: _Responses, shifts: Array) -> Array:
     """How much lighter curves with these shifts (A, M) are than their surroundings (A,)."""
     step = responses.shifts[1] - responses.shifts[0]
     at = np.rint((shifts - responses.shifts[0]) / step).astype(np.int64)

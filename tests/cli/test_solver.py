@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from circlecal.geometry.homography import mean_reprojection_error, reprojection_grid
+from circlecal.evaluation.bench.reprojection import mean_reprojection_error, reprojection_grid
 
 
 @pytest.fixture

@@ -10,11 +10,12 @@ from circlecal.camera.observed import NoiseModel, curves_from_observations, poin
 from circlecal.camera.priors import Priors, ZoomLens
 from circlecal.camera.problem import Problem, minimise
 from circlecal.camera.residuals import sample_feet
+from circlecal.evaluation.bench.many_frames import joint_covariances
 from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import INDEX, KAPPA_1, PARAMETERS, ProjectionModel, camera_of, theta_of
 from circlecal.geometry.surface import Surface
 from circlecal.observations import Observations
-from circlecal.rig.information import deletion_gains, frame_information, joint_covariances, shared_prior
+from circlecal.rig.information import deletion_gains, frame_information, shared_prior
 from circlecal.rig.joint import ABOUT_ONE_POINT, Turning, evaluate_joint, joint_problem, minimise_joint, start_state
 from circlecal.synthetic.cameras import sample_camera
 from circlecal.synthetic.markings import circle_points, line_points

@@ -15,7 +15,7 @@ from circlecal.batch.workers import finish_on_workers
 from circlecal.camera.rig_options import RigConfig
 from circlecal.cli.app import app
 from circlecal.errors import InputError
-from circlecal.geometry.homography import mean_reprojection_error, reprojection_grid
+from circlecal.evaluation.bench.reprojection import mean_reprojection_error, reprojection_grid
 from circlecal.observations import Observations
 from circlecal.pipeline import run_observations
 from circlecal.records.camera_prior import prior_settings

@@ -75,7 +75,7 @@ def test_the_head_of_a_camera_beyond_the_far_touchline_moves_as_little_as_that_o
 def test_what_single_frames_may_deviate_makes_a_tripod_less_certain(frames):
     deviating = ("rig.position_deviation_m=0.3", "rig.roll_deviation_deg=0.2")
     (rig,) = estimate_rigs(frames, TEMPLATE, CIRCLE, load_config(None, [*SETTINGS, *deviating]))
-    _, spread = estimate_common(rig.problem, rig.state)
+    _, spread = estimate_common(rig.state)
     told, shared = tripod_of_rig(rig).covariance, [PARAMETERS[k] for k in rig.problem.shared]
     for name, place, sd in (("y", "axis_y", 0.3), ("roll", "head_roll", np.radians(0.2)), ("crown", "crown", 0.0)):
         own = spread[shared.index(name), shared.index(name)] if name in shared else 0.0

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from circlecal.evaluation.bench.reprojection import mean_reprojection_error, reprojection_grid
 from circlecal.evaluation.bench.scenarios import faceoff_camera, hockey, soccer
 from circlecal.evaluation.bench.solver_scenarios import solver_scenarios
-from circlecal.geometry.homography import mean_reprojection_error, reprojection_grid
 from circlecal.geometry.projective import apply_homography, lift
 from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations
 from circlecal.synthetic.cameras import sample_camera

@@ -12,14 +12,16 @@ from scipy.special import chdtri
 
 from circlecal.errors import EstimationError
 from circlecal.evaluation.bench.bounds import bound_covariance, bound_errors
+from circlecal.evaluation.bench.joint_conic import joint_conic
 from circlecal.evaluation.bench.many_frames import RigScenario, rig_scenarios, run_draw, select_rigs
+from circlecal.evaluation.bench.reprojection import mean_reprojection_error, reprojection_grid
 from circlecal.evaluation.bench.scenarios import Draw, Scenario, row_names, select_rows, soccer
 from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.camera import Camera
-from circlecal.geometry.concentric import imaged_center, joint_conic
+from circlecal.geometry.concentric import imaged_center
 from circlecal.geometry.conic_fits import fit_conic
 from circlecal.geometry.conics import circle_conic, transform_conic
-from circlecal.geometry.homography import dlt, mean_reprojection_error, reprojection_grid, turn_homography
+from circlecal.geometry.homography import dlt, turn_homography
 from circlecal.geometry.projective import Array, apply_homography, fit_line, transform_lines
 from circlecal.results import CameraFit, Correspondences
 from circlecal.stages.camera import estimate_camera

@@ -22,14 +22,15 @@ from circlecal.evaluation.bench.bounds import bound_errors
 from circlecal.evaluation.bench.scenarios import KNOWN, PRIORS, Draw, soccer
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.camera_parameters import INDEX, POSITION, ProjectionModel, camera_of, theta_of
+from circlecal.geometry.least_squares import invert_normal
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import FLAT, Surface
 from circlecal.observations import CirclePoints, Observations
 from circlecal.results import CameraFit
 from circlecal.rig.estimation import config_with_prior, estimate_rigs, turning_of
 from circlecal.rig.frames import RigFrame
-from circlecal.rig.information import joint_covariances
-from circlecal.rig.joint import TURNING, Turning, joint_problem, start_state
+from circlecal.rig.information import frame_information
+from circlecal.rig.joint import TURNING, JointState, Turning, joint_problem, start_state
 from circlecal.rig.tripod import COMMON, PLACE, TripodModel
 from circlecal.stages.camera import estimate_camera
 from circlecal.synthetic.cameras import sample_camera
@@ -207,3 +208,15 @@ def _bound_covariances(draws: Sequence[Draw], prior: Turning, turning: Array) ->
     theta = np.array(thetas)
     problem = joint_problem(problems, {}, {}, float(np.median(theta[:, 0])), prior)
     return joint_covariances(start_state(problem, theta, turning))
+
+
+def joint_covariances(state: JointState) -> Array:
+    """Covariances (F, P, P) of the frames' parameter vectors, with what all the others bring."""
+    precision, _ = frame_information(state)
+    common = invert_normal(state.H_common + precision.sum(axis=0))
+    inverse = invert_normal(state.H_oo)
+    gain = inverse @ state.H_oc
+    by_common = state.by_common - state.by_own @ gain
+    return np.asarray(
+        state.by_own @ inverse @ np.swapaxes(state.by_own, 1, 2) + by_common @ common @ np.swapaxes(by_common, 1, 2)
+    )

@@ -19,10 +19,10 @@ import numpy as np
 from circlecal.batch.workers import map_on_workers
 from circlecal.errors import ConfigError
 from circlecal.evaluation.bench.bounds import bound_covariance, bound_errors
+from circlecal.evaluation.bench.reprojection import mean_reprojection_error, reprojection_grid
 from circlecal.evaluation.bench.solver_scenarios import PAPER_SCENARIOS, Seen, SolverScenario, select_scenarios
 from circlecal.files import write_atomic
 from circlecal.geometry.camera import Camera
-from circlecal.geometry.homography import mean_reprojection_error, reprojection_grid
 from circlecal.geometry.projective import Array
 from circlecal.solvers import load_solver, solver_names
 

@@ -7,12 +7,13 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from circlecal.evaluation.bench.reprojection import mean_reprojection_error, reprojection_grid
 from circlecal.evaluation.bench.scenarios import soccer
 from circlecal.evaluation.bench.simulation import SimulationPlan, Summary, simulate, summarise
 from circlecal.evaluation.bench.solver_scenarios import EDGES, select_scenarios
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.conics import circle_conic, line_conic_meet, transform_conic
-from circlecal.geometry.homography import dlt, mean_reprojection_error, reprojection_grid
+from circlecal.geometry.homography import dlt
 from circlecal.geometry.projective import Array, apply_homography, join, lift
 from circlecal.observations import Observations
 from circlecal.solvers import load_intrinsics_solver, load_solver, solver_names

@@ -11,9 +11,9 @@ from circlecal.cli.app import app
 from circlecal.evaluation.bench import accuracy
 from circlecal.evaluation.bench.accuracy import as_records, closed_forms, mahalanobis, run_rows
 from circlecal.evaluation.bench.bounds import bound_covariance, bound_errors
+from circlecal.evaluation.bench.reprojection import reprojection_grid
 from circlecal.evaluation.bench.scenarios import KNOWN, row_names, scenarios, select_rows, soccer
 from circlecal.geometry.camera_parameters import INDEX
-from circlecal.geometry.homography import reprojection_grid
 from circlecal.geometry.surface import Surface
 from circlecal.observations import Observations
 from circlecal.stages.camera import estimate_camera

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from circlecal.evaluation.bench.joint_conic import joint_conic, scaling_homology
 from circlecal.geometry.camera import Camera, image_center
-from circlecal.geometry.concentric import joint_conic, scaling_homology
 from circlecal.geometry.conic_fits import fit_conic
 from circlecal.geometry.conics import circle_conic, sampson_distance, transform_conic
 from circlecal.geometry.projective import apply_homography
