@@ -14,12 +14,6 @@ class RigConfig(BaseModel):
     maximum_frames: int = Field(
         40, ge=1, le=2000, description="Frames of one camera that are estimated together: the best determined ones."
     )
-    same_position_m: float = Field(
-        0.8,
-        ge=0,
-        description="How far the positions of one camera may differ beyond their own uncertainty, metres: the lens "
-        "lies up to 1.3 m before the axis about which it turns.",
-    )
     position_deviation_m: float = Field(
         0.05, ge=0, description="By how much the optical centre of one frame deviates from the camera's, metres."
     )
@@ -65,12 +59,6 @@ class RigConfig(BaseModel):
     )
     share_of_lone_arc: float = Field(
         0.8, ge=0.0, le=1.0, description="Smallest share of what the picture holds of it that must be drawn."
-    )
-    maximum_arc_residual_px: float = Field(
-        1.0,
-        gt=0,
-        description="Largest rms distance of such an arc from where the known camera puts the circle, pixels at "
-        "1920 px width.",
     )
     maximum_chi_square_increase: float = Field(
         30.0,

@@ -24,6 +24,8 @@ UPPER_SHARE_SKIPPED = 0.25
 """Upper share of the picture that does not vote: there are the stands."""
 DARK_LEVEL = 22
 """Pixels darker than this (8-bit L of Lab) never vote: borders, and boxes with text, have no colour."""
+COLOUR_REACH = 22
+"""Largest distance of a surface's colours from its commonest, in levels of a-b."""
 HISTOGRAM_SIGMA = 2.0
 """Smoothing of the a-b histogram, in levels of a and b."""
 PEAK_SHARE = 0.04
@@ -107,7 +109,7 @@ def find_field_region(
     voting[: int(UPPER_SHARE_SKIPPED * size[1])] = False
     if beside is not None:
         voting &= beside.hull_at(*size) == 0
-    surface = _find_field_colour(np.asarray(lab, np.uint8), voting, config.colour_reach)
+    surface = _find_field_colour(np.asarray(lab, np.uint8), voting)
     if config.light:
         surface = _keep_light_part(surface, np.asarray(lab[:, :, 0], np.uint8))
     patches = _keep_large_patches(surface)
@@ -129,7 +131,7 @@ def _odd_length(length: float) -> int:
     return 2 * (int(length) // 2) + 1
 
 
-def _find_field_colour(lab: NDArray[np.uint8], voting: NDArray[np.bool_], reach: int) -> NDArray[np.uint8]:
+def _find_field_colour(lab: NDArray[np.uint8], voting: NDArray[np.bool_]) -> NDArray[np.uint8]:
     """Pixels whose a-b colour belongs to the main peak of the histogram (bins of two levels) of the voting ones: (h, w)
     uint8, 0 or 255.
     """
@@ -140,7 +142,7 @@ def _find_field_colour(lab: NDArray[np.uint8], voting: NDArray[np.bool_], reach:
     if histogram[peak_a, peak_b] <= 0:
         return np.zeros(lab.shape[:2], np.uint8)
     a, b = np.ogrid[:128, :128]
-    near = 4 * ((a - peak_a) ** 2 + (b - peak_b) ** 2) <= reach**2
+    near = 4 * ((a - peak_a) ** 2 + (b - peak_b) ** 2) <= COLOUR_REACH**2
     member = (near & (histogram > PEAK_SHARE * histogram[peak_a, peak_b])).astype(np.uint8)
     _, labels = cv2.connectedComponents(member, connectivity=8)
     colours = (labels == labels[peak_a, peak_b]).astype(np.uint8) * 255

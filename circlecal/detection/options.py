@@ -21,12 +21,6 @@ class FieldRegionConfig(BaseModel):
 
     model_config = _STRICT
 
-    colour_reach: int = Field(
-        default=22,
-        ge=2,
-        le=90,
-        description="Largest distance of a surface's colours from its commonest, in levels of a-b.",
-    )
     area_share: float = Field(
         default=0.08,
         gt=0.0,

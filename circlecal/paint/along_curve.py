@@ -20,6 +20,7 @@ from circlecal.paint.profiles import GrayPicture, sample_profiles, smooth_along
 
 __all__ = [
     "RIM_PX",
+    "WIDTH_RATIO",
     "RaysConfig",
     "along_normals",
     "bands_along",
@@ -36,6 +37,14 @@ CLEAR_OF_BORDER_PX = 3.0
 """So much ground, pixels at 1920 px width, must be seen between the half height of the paint and the picture's border,
 beyond which the ground is taken to go on as at the border: with less of it the tail of the paint is taken for ground.
 """
+WIDTH_RATIO = 0.4, 2.5
+"""Width of a band over the one that the field template predicts, within which it may be the marking: blur widens thin
+paint (a few pixels come on top), wear narrows it. Paint of another width is said by ``field.sizes.marking``.
+"""
+CONTRAST_RATIO = 0.35, 3.0
+"""Contrast of a band over the typical one around it, beyond which it is no paint: a player's sock or a shadow."""
+SMOOTHING_SAMPLES = 1.0
+"""Mean over neighbouring profiles, in samples of a curve that is sampled as densely as asked; fewer of a coarse one."""
 STEADY_PX, STEADY_SHARE = 1.0, 0.05
 """Largest distance of steady points from the running median along it, pixels at 1920 px width, or in widths of paint:
 the middle of worn paint wanders by 0.03 of its width (40 rendered robots' fields, measured along the true curve).
@@ -88,16 +97,6 @@ class RaysConfig(BaseModel):
         4.5, gt=0, le=200, description="Search after the first fit; must hold what lens and crown bend the ellipse by."
     )
     spacing_px: float = Field(2.0, ge=0.5, le=20, description="Distance of the measured band centres, pixels.")
-    smoothing_samples: float = Field(1.0, ge=0, le=10, description="Mean over neighbouring profiles, in samples.")
-    separable_ratio: float = Field(
-        1.8, ge=1, le=10, description="Two edges are told apart where the band is this many times wider than the blur."
-    )
-    width_ratio: tuple[float, float] = Field(
-        (0.4, 2.5), description="Accepted width of the band over the width that the field template predicts."
-    )
-    contrast_ratio: tuple[float, float] = Field(
-        (0.35, 3.0), description="Accepted contrast of the band over the typical contrast around it."
-    )
 
 
 def measure_along_model(
@@ -267,11 +266,11 @@ def bands_along(
     tap = min(0.5 * step, 1.0)
     offsets = np.arange(-reach, reach + 0.25, tap)
     sampled = sample_profiles(picture, points, stretch[:, None] * normals, offsets, repeat_border=True)
-    bands = measure_bands(smooth_along(sampled, config.smoothing_samples / step), offsets, search_px).stretch(stretch)
-    low, high = config.width_ratio
+    bands = measure_bands(smooth_along(sampled, SMOOTHING_SAMPLES / step), offsets, search_px).stretch(stretch)
+    low, high = WIDTH_RATIO
     plausible = rise_above_noise(bands, noise) & _lie_clear_of_border(picture, points, normals, bands)
     plausible &= (bands.width < high * predicted + 4.0) & (bands.width > low * predicted)
-    plausible &= _even_contrast(bands.contrast, plausible, config.contrast_ratio)
+    plausible &= _even_contrast(bands.contrast, plausible)
     spacing_px = step * config.spacing_px
     plausible = leave_out_single(plausible, bands.contrast, COMPANY_PX * picture.shape[1] / 1920.0 / spacing_px)
     chosen = bands.take(plausible)
@@ -305,7 +304,7 @@ def along_normals(vectors: Array, normals: Array) -> Array:
     return vectors[:, 0] * normals[:, 0] + vectors[:, 1] * normals[:, 1]
 
 
-def _even_contrast(contrast: Array, valid: NDArray[np.bool_], ratio: tuple[float, float]) -> NDArray[np.bool_]:
+def _even_contrast(contrast: Array, valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Contrast near the running median of its neighbourhood: far paint is fainter than near paint, players are
     neither.
     """
@@ -317,7 +316,7 @@ def _even_contrast(contrast: Array, valid: NDArray[np.bool_], ratio: tuple[float
     filled = np.interp(np.arange(len(contrast)), known, contrast[known])
     typical = np.maximum(median_filter(filled, size=max(9, len(contrast) // 8), mode="nearest"), 1e-6)
     share = contrast / typical
-    return (share > ratio[0]) & (share < ratio[1])
+    return (share > CONTRAST_RATIO[0]) & (share < CONTRAST_RATIO[1])
 
 
 def leave_out_single(found: Mask, contrast: Array, reach: float) -> Mask:

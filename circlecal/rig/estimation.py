@@ -30,6 +30,10 @@ from circlecal.rig.information import deletion_gains, estimate_common, frame_inf
 from circlecal.rig.joint import JointProblem, JointState, Turning, joint_problem, minimise_joint, start_state
 from circlecal.rig.positions import group_positions
 
+SAME_POSITION_M = 0.8
+"""How far the positions of one camera may differ beyond their own uncertainty, metres: the lens lies up to 1.3 m before
+the axis about which it turns.
+"""
 SAME_PLACE_M = 0.2
 """How far what lies at the other end of the field may be from its place there, metres: fields are drawn alike at both
 ends to a centimetre.
@@ -164,7 +168,7 @@ def _join_rigs(
     for group, rig in zip(groups, estimates, strict=True):
         if rig is None:
             continue
-        if group.beside is not None and _stand_together(rig, joined[group.beside], config):
+        if group.beside is not None and _stand_together(rig, joined[group.beside]):
             joined[group.beside] = _choose_larger(joined[group.beside], rig)
             continue
         left_out = [k for k, frame in enumerate(group.frames) if frame.id in rig.left_out]
@@ -190,11 +194,11 @@ def _choose_larger(first: Rig, rest: Rig) -> Rig:
     return replace(rest, members=first.members, left_out=(*first.used, *rest.left_out))
 
 
-def _stand_together(first: Rig, second: Rig, config: Config) -> bool:
+def _stand_together(first: Rig, second: Rig) -> bool:
     """Whether two rigs stand where one camera may stand: then the frames of one of them do not fit it."""
     (place, spread), (other_place, other_spread) = (_locate(rig) for rig in (first, second))
     apart = place - other_place
-    spread = spread + other_spread + config.rig.same_position_m**2 * np.eye(3)
+    spread = spread + other_spread + SAME_POSITION_M**2 * np.eye(3)
     return bool(apart @ np.linalg.solve(spread, apart) < chdtri(3, 1.0 - SAME_CAMERA))
 
 
@@ -238,7 +242,7 @@ def _group_frames(frames: Sequence[RigFrame], config: Config, cameras: Mapping[s
         return []
     theta = np.array([f.theta for f in frames])
     covariance = np.array([f.covariance for f in frames])[:, POSITION, POSITION]
-    numbers, turned = group_positions(theta[:, POSITION], covariance + config.rig.same_position_m**2 * np.eye(3), least)
+    numbers, turned = group_positions(theta[:, POSITION], covariance + SAME_POSITION_M**2 * np.eye(3), least)
     return [
         _choose_members(f"camera-{number + 1}", frames, turned.tolist(), np.flatnonzero(numbers == number).tolist())
         for number in range(numbers.max() + 1)

@@ -44,6 +44,11 @@ from circlecal.rig.venue import VENUE_NAME, read_venue_file, write_venue
 
 _log = logging.getLogger(__name__)
 
+LARGEST_ARC_RESIDUAL_PX = 1.0
+"""Rms distance of a short arc from where the known camera puts the circle, pixels at 1920 px width, beyond which it is
+another one.
+"""
+
 
 @dataclass(slots=True)
 class RigReport:
@@ -338,7 +343,7 @@ class _Again:
         from_picture = refused and not annotated and self.record.annotation is None and _has_picture(self.record)
         if from_picture and self.measured is None:
             self.measured = self._look(config)
-            return None if self.measured is None or _leaves_the_arc(self.measured, config) else self.measured
+            return None if self.measured is None or _leaves_the_arc(self.measured) else self.measured
         seen = self.frame.observations if self.measured is None else self.measured.attempt.observations
         if seen is None:
             return self.measured
@@ -347,7 +352,7 @@ class _Again:
         found = run_observations(
             seen, config, frame_id=self.frame.id, source=str(Path(self.record.path or "")), convention=convention
         )
-        return None if from_picture and _leaves_the_arc(found, config) else found
+        return None if from_picture and _leaves_the_arc(found) else found
 
     def confirm(self, found: Recalibration) -> Recalibration:
         """The camera that explains a refused frame, if its markings are in the picture: points alone do not tell."""
@@ -357,7 +362,7 @@ class _Again:
         config = config_with_prior(self.config, prior, found.rig.size[0])
         looked = self._look(config)
         reason = find_refusal(looked, self.frame, found.rig)
-        if reason is None and looked is not None and _leaves_the_arc(looked, config):
+        if reason is None and looked is not None and _leaves_the_arc(looked):
             reason = f"its arc is not where {found.rig.name} sees the circle"
         return replace(found, calibration=looked) if reason is None else Recalibration(None, None, reason)
 
@@ -382,11 +387,11 @@ def accept_short_arcs(config: Config) -> Config:
     return config.model_copy(update={"mask": config.mask.model_copy(update={"detector": detector})})
 
 
-def _leaves_the_arc(found: FrameCalibration, config: Config) -> bool:
+def _leaves_the_arc(found: FrameCalibration) -> bool:
     """Whether the circle of an accepted camera leaves what was measured: then the arc was another one."""
     if found.attempt.camera is None:
         return False
-    limit = config.rig.maximum_arc_residual_px * found.width / 1920.0
+    limit = LARGEST_ARC_RESIDUAL_PX * found.width / 1920.0
     return any(rms > limit for key, rms in found.attempt.camera.residuals_px.items() if key.name == found.circle_name)
 
 

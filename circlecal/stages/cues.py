@@ -23,6 +23,10 @@ from circlecal.paint.profiles import GrayPicture
 from circlecal.paint.strays import keep_on_course
 from circlecal.results import Cues, EllipseFit, EllipseFits, LineCue, MarkCue, MarkingMask, Segment
 
+REACH_HALF_CHORDS = 1.25
+"""How far along the halfway line, in half chords from the middle of its chord, points carry the closed forms: lens and
+crown bend it further out.
+"""
 SHORT_ARC_DEG, SHORT_ARC_SPARE = 240.0, 0.25
 """Arcs shorter than this leave the place of the centre mark more open, by up to so many half chords."""
 FARTHER, CLEAR_TIMES = 0.2, 3.0
@@ -58,12 +62,6 @@ class CuesConfig(BaseModel):
     further_lines: bool = Field(True, description="Whether other straight markings are measured.")
     field_lines: bool = Field(
         True, description="Whether a picture without the circle may be recognised by its straight markings."
-    )
-    reach_half_chords: float = Field(
-        1.25,
-        ge=1,
-        le=20,
-        description="How far along the halfway line, from the middle of its chord, points carry the closed forms.",
     )
     search_px: float = Field(
         6, gt=0, le=100, description="Search to both sides of a rough line, pixels at 1920 px width."
@@ -204,7 +202,7 @@ def _expect_halfway_line(
         return None
     # the picture may show the halfway line outside the circle only
     inside = _clip_chord(chord, 1.0, shape)
-    near = rough if inside is None else _clip_chord(chord, config.reach_half_chords, shape)
+    near = rough if inside is None else _clip_chord(chord, REACH_HALF_CHORDS, shape)
     if near is None:
         return None
     growth = _paint_width(fit.conic, chord, template, fit.edge)

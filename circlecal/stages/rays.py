@@ -16,12 +16,16 @@ from numpy.typing import NDArray
 from circlecal.geometry.ellipses import Ellipse, ellipse_from_conic
 from circlecal.geometry.projective import Array
 from circlecal.geometry.ransac import ransac_conic
-from circlecal.paint.along_curve import RIM_PX, RaysConfig, along_normals, bands_along
+from circlecal.paint.along_curve import RIM_PX, WIDTH_RATIO, RaysConfig, along_normals, bands_along
 from circlecal.paint.bands import Bands
 from circlecal.paint.profiles import GrayPicture
 from circlecal.refusals import Confidence, refuse
 from circlecal.results import EdgePoints, MarkingMask, RayPoints
 
+SEPARABLE_RATIO = 1.8
+"""Two edges are told apart where the band is so many times wider than the narrowest paint, which is the blur's width:
+of narrower bands the blur moves both edges outwards.
+"""
 FIRST_STEP = 4.0
 """The first look at the rough ellipse takes profiles this many times as far apart."""
 
@@ -176,10 +180,10 @@ def _pair_edges(
     gap = foot_distance[outer] - foot_distance[inner]
     middle = 0.5 * (foot_distance[outer] + foot_distance[inner])
     predicted = _predict_width(ellipse, feet[inner], normals[inner], relative_width)
-    low, high = config.width_ratio
+    low, high = WIDTH_RATIO
     good = (gap > low * predicted) & (gap < high * predicted + 2.0)
     local_width, local_middle, known = _along(centreline, angles[inner])
-    good &= known & (local_width > config.separable_ratio * centreline.blur_width)
+    good &= known & (local_width > SEPARABLE_RATIO * centreline.blur_width)
     good &= np.abs(middle - local_middle) < 1.0 + 0.25 * gap
     inner, outer = inner[good], outer[good]
     rejected = near

@@ -42,6 +42,10 @@ def test_files_and_table(run_circlecal, frame_file, tmp_path):
 def test_radar(run_circlecal, frame_file, tmp_path):
     assert run_circlecal("calibrate", frame_file, "--out", tmp_path / "out", "--radar", "--no-overlay").code == 0
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["good.json", "good.radar.jpg"]
+    small = ("--out", tmp_path / "small", "--set", "output.radar=true", "--set", "output.radar_px_per_m=5")
+    assert run_circlecal("calibrate", frame_file, *small, "--no-overlay").code == 0
+    usual, half = (cv2.imread(str(tmp_path / name / "good.radar.jpg")) for name in ("out", "small"))
+    np.testing.assert_allclose(np.array(half.shape[:2]) / usual.shape[:2], 0.5, atol=0.02)
 
 
 def test_a_refused_frame_is_exit_code_1(run_circlecal, frame_file, blank_file, tmp_path):

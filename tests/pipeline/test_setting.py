@@ -3,9 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
+from circlecal.config import load_config
 from circlecal.pictures.graphics import Band, cover_bands
-from circlecal.pipeline.setting import Scene
+from circlecal.pipeline import field_of
+from circlecal.pipeline.setting import Scene, Setting, prepare_scene
 from circlecal.results import LineCue, RayPoints, Segment
 
 SHAPE = (360, 640)
@@ -31,6 +34,19 @@ def test_a_line_is_left_where_no_graphics_cover_it():
     assert np.array_equal(clear.sigma_px, rows)
     assert clear.ends == whole.ends and len(rows) > 50
     assert scene().clear_line(whole) is whole
+
+
+@pytest.mark.parametrize("asked", [True, False])
+def test_graphics_are_looked_for_where_that_is_asked(asked):
+    config = load_config(None, [f"mask.leave_out_graphics={str(asked).lower()}"])
+    image = np.random.default_rng(3).normal(0.0, 2.0, (*SHAPE, 1)) + np.array([60.0, 130.0, 70.0])
+    image = np.rint(image).astype(np.uint8)
+    image[200:241] = 120, 40, 30
+    image[200:203] = 245
+    setting = Setting(config, *field_of(config), image.shape[1], image.shape[0], np.random.default_rng(1))
+    shown = prepare_scene(setting, image, None, None)
+    assert (shown.covered is not None) == asked
+    assert np.array_equal(shown.image, image) != asked
 
 
 def test_a_line_that_runs_along_graphics_is_their_edge():

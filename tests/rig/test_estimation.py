@@ -106,6 +106,14 @@ def test_too_few_frames_are_no_camera(mixed):
     assert [rig.used for rig in rigs_of(frames[:1], alone)] == [("m0",)]
 
 
+def test_no_more_frames_are_estimated_together_than_are_asked_for(mixed):
+    frames, main, _ = mixed
+    few = CONFIG.model_copy(update={"rig": CONFIG.rig.model_copy(update={"maximum_frames": 3})})
+    (rig,) = rigs_of([frame for frame in frames if frame.id.startswith("m")], few)
+    assert len(rig.used) == 3
+    assert np.abs(position_of(rig)[0] - main.position_m).max() < 3.0
+
+
 def test_cameras_that_are_given_are_not_guessed(mixed):
     frames, _, _ = mixed
     rigs = rigs_of(frames, cameras={"m0": "stand", "m1": "stand", "m2": "other", "g0": "goal", "g1": "goal"})

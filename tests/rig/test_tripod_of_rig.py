@@ -57,7 +57,7 @@ def test_a_rig_of_which_something_is_fixed_tells_its_tripod(frames, fixed):
     np.testing.assert_allclose(told.position_m, PLACE_M, atol=1.5)
     (summary,) = RigReport([rig]).summary()["cameras"]
     assert [summary[name] is not None for name in "xyz"] == free.tolist()
-    assert _stand_together(rig, rig, config)
+    assert _stand_together(rig, rig)
 
 
 @pytest.mark.parametrize("x_m", [0.02, -0.02])

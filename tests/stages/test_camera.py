@@ -223,6 +223,8 @@ def test_a_known_lens_enters_the_priors():
     assert priors.sd[INDEX["log_focal"]] == pytest.approx(0.005)
     assert [(priors.mean[INDEX[k]], priors.sd[INDEX[k]]) for k in ("kappa_1", "kappa_2")] == [(-0.1, 0.0), (0.01, 0.0)]
     pinhole = priors_of(config.model_copy(update={"distortion": "none"}), SOCCER, CIRCLE, model)
+    free = priors_of(config.model_copy(update={"k2_sd": 0.02}), SOCCER, CIRCLE, model)
+    assert (free.mean[INDEX["kappa_2"]], free.sd[INDEX["kappa_2"]]) == (0.01, 0.02)
     assert pinhole.mean[INDEX["kappa_2"]] == 0.0
 
 

@@ -82,6 +82,24 @@ def verdict(camera=None, homography=None, cues=None, config=CONFIG, fits=None, c
     return judge(attempt, SOCCER, CIRCLE, CAMERA.width, config)
 
 
+@pytest.mark.parametrize(
+    ("option", "value", "check", "limit"),
+    [
+        ("max_rejected_share", 0.07, "rejected_share", 0.07),
+        ("max_line_reach", 1.3, "line_reach", 1.3),
+        ("max_line_residual_px", 1.1, "line_residual_px", 1.1 * CAMERA.width / 1920.0),
+        ("max_roll_deg", 7.0, "roll_deg", 7.0),
+        ("stands_m", 5.0, "distance_radii", (np.hypot(SOCCER.length_m, SOCCER.width_m) + 5.0) / CIRCLE.radius_m),
+    ],
+)
+def test_a_limit_that_is_widened_or_narrowed_is_that_of_its_check(option, value, check, limit):
+    fits = NO_FITS if check == "rejected_share" else None
+    configs = CONFIG, CONFIG.model_copy(update={option: value})
+    usual, asked = (verdict(camera_fit(), config=config, fits=fits) for config in configs)
+    assert asked.check(check).limit == pytest.approx(limit)
+    assert usual.check(check).limit != asked.check(check).limit
+
+
 def test_a_likely_circle_needs_the_mark_or_another_marking():
     bare = Cues(LINE, None)
     assert verdict(camera_fit(), confidence=TENTATIVE).status == "calibrated"
@@ -245,7 +263,7 @@ def test_an_end_of_the_halfway_line_alone_must_fit_the_marking_that_it_lies_on()
 
 
 OF_THE_DETECTOR = {"marking_rms_px", "band_width", "painted_share", "whole_share"}
-OF_OTHERS = {"circle_told", "rival_ratio", "missing_markings", "frames_to_confirmed", "assumed_place"}
+OF_OTHERS = {"circle_told", "rival_ratio", "paint_of_view", "missing_markings", "frames_to_confirmed", "assumed_place"}
 OF_THE_PICTURE = {
     "unexplained_widths", "painted_share_of_carriers", "bare_widths", "reversal",
     "rough_share", "above_share", "beyond_share", "near_share", "seam_share", "noise_scale", "contradictions",
