@@ -308,6 +308,12 @@ CHECKS: dict[str, Gate] = {
     "rival_ratio": Gate(
         "circle_open", "how many times more speaks for this circle of the field than for the next one", at_least=True
     ),
+    "paint_of_view": Gate(
+        "circle_unconfirmed",
+        "of a circle and a line or two that may be any of the field's: length of the markings in view that are painted,"
+        " beyond the length at which as much is bare, picture widths",
+        at_least=True,
+    ),
     "painted_width_m": Gate(
         "other_field",
         "greatest width that the paint of circle and lines may have on a floor, m",

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from circlecal.pipeline.attempts import refuse_as_open
+from circlecal.pipeline.attempts import add_checks, refuse_as_open
 from circlecal.pipeline.field_paint import look_for_paint
 from circlecal.pipeline.painters import cover_painters
 from circlecal.pipeline.placed_view import FEWEST_CARRYING, count_carrying, lies_on_surface
 from circlecal.pipeline.refinements import UNCERTAIN_PX
 from circlecal.pipeline.setting import Scene, Setting
 from circlecal.placement import weigh_view
-from circlecal.results import Attempt
+from circlecal.results import Attempt, Check
 
 CIRCLE_TOLD = "circle_told"
 """Check of a camera of which the paint tells which circle it lies about, though a circle and a line carry it: no other
@@ -54,6 +54,8 @@ def refuse_bare_field(setting: Setting, scene: Scene, attempt: Attempt) -> Attem
         return attempt
     with setting.clock("cues"):
         paint = look_for_paint(scene, mask, setting.config, setting.template)
-    if paint is None or weigh_view(camera.view, setting.template, paint).evidence > 0.0:
+    if paint is None:
         return attempt
-    return refuse_as_open(attempt, "circle_unconfirmed")
+    evidence = weigh_view(camera.view, setting.template, paint).evidence
+    attempt = add_checks(attempt, Check("paint_of_view", evidence, 0.0, evidence > 0.0))
+    return attempt if evidence > 0.0 else refuse_as_open(attempt, "circle_unconfirmed")

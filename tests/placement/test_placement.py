@@ -43,7 +43,17 @@ from circlecal.placement import (
 from circlecal.placement.camera_batch import cameras_before_circles
 from circlecal.placement.paint_maps import STEPS_PER_PX
 from circlecal.records.writing import result_record
-from circlecal.results import Attempt, CameraFit, CircleCandidate, Cues, MarkCue, MarkingMask, PaintersFit, Verdict
+from circlecal.results import (
+    Attempt,
+    CameraFit,
+    Check,
+    CircleCandidate,
+    Cues,
+    MarkCue,
+    MarkingMask,
+    PaintersFit,
+    Verdict,
+)
 from circlecal.stages import camera as camera_stage
 from circlecal.stages.camera import estimate_camera
 from circlecal.stages.edges import detect_edges
@@ -538,10 +548,14 @@ def test_a_circle_with_its_line_takes_in_all_other_markings(monkeypatch):
     painters = replace(told, camera=replace(told.camera, painters=open_to))
     assert doubtful_circle.refuse_doubtful(setting, painters).code == "circle_unconfirmed"
     # and where more of what they put into view is bare than painted
-    assert doubtful_circle.refuse_bare_field(setting, scene, told) is told
+    painted = doubtful_circle.refuse_bare_field(setting, scene, told)
+    assert painted.is_calibrated and painted.camera is told.camera
+    assert painted.verdict.check("paint_of_view").passed and painted.verdict.check("paint_of_view").value > 0.0
     with monkeypatch.context() as patch:
         patch.setattr(doubtful_circle, "weigh_view", lambda *_: ViewEvidence(-0.1, 0.3, 0.3))
-        assert doubtful_circle.refuse_bare_field(setting, scene, told).code == "circle_unconfirmed"
+        bare = doubtful_circle.refuse_bare_field(setting, scene, told)
+        assert bare.code == "circle_unconfirmed"
+        assert bare.verdict.checks[-1] == Check("paint_of_view", -0.1, 0.0, False)
         assert doubtful_circle.refuse_bare_field(setting, scene, carried) is carried
     # one that is sure already, or whose circle was named, is left alone
     sure = replace(first, camera=replace(first.camera, max_sigma_px=0.1))
