@@ -39,10 +39,10 @@ from circlecal.estimation.task import Fit, Task, is_dense
 from circlecal.field import FieldTemplate
 from circlecal.geometry.camera_parameters import INDEX, KAPPA_1, level_points
 from circlecal.geometry.least_squares import StoppingRule
-from circlecal.geometry.medians import median_of_rows
 from circlecal.geometry.projective import Array
 from circlecal.line_naming.broad_lines import hide_broad_lines
 from circlecal.line_naming.hypotheses import find_nameless_lines
+from circlecal.line_naming.reach import usual_step_px
 
 LENS_STRAIN, LEAST_TOLD_SD = 1.0, 0.03
 """By how many standard deviations of the usual lens a likely answer has another one where worlds with any lens are
@@ -402,7 +402,7 @@ def _may_be_of_any_size(task: Task, usual: tuple[Task, Fit], answers: list[Answe
         return True
     observations = hide_broad_lines(task.observations, fit.problem, fit.state, task.template)
     seen = [line.points_px for line in observations.lines]
-    length_px = {k: _length_of_view_px(seen[k]) for k in find_nameless_lines(observations)}
+    length_px = {k: len(seen[k]) * usual_step_px(seen[k]) for k in find_nameless_lines(observations)}
     named_px = sum(length_px.pop(k, 0.0) for k in named.names)
     nameless_px = sum(length_px.values())
     least_px = ACROSS_WIDTHS * task.observations.width
@@ -418,9 +418,3 @@ def _runs_across(fit: Fit, points_px: Array) -> bool:
     places = level_points(fit.state.best().theta, points_px[[0, -1]], fit.problem.model)[0]
     along, across = np.abs(places[1] - places[0])
     return bool(along < ACROSS_SLOPE * across)
-
-
-def _length_of_view_px(points_px: Array) -> float:
-    """Length over which a line is seen, pixels, by its points (N, 2) in order: without its gaps."""
-    steps = np.linalg.norm(np.diff(points_px, axis=0), axis=1)
-    return float(median_of_rows(steps)) * len(points_px)

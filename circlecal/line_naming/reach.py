@@ -7,6 +7,7 @@ from __future__ import annotations
 import numpy as np
 
 from circlecal.field import Circle, FieldTemplate
+from circlecal.geometry.medians import median_of_rows
 from circlecal.geometry.projective import Array, Mask
 from circlecal.line_naming.line_ends import FEWEST_POINTS, find_line_through
 from circlecal.observations import MarkingKey, Observations
@@ -81,10 +82,16 @@ def measure_beyond_ends(camera: CameraFit, observations: Observations, template:
             continue
         start, end = camera.view.grow(np.array([line.start, line.end]), template)
         along = (camera.view.to_field(seen.points_px) - start) @ (end - start) / ((end - start) @ (end - start))
-        step_px = float(np.median(np.linalg.norm(np.diff(seen.points_px, axis=0), axis=1)))
         count = max(np.count_nonzero(along < 0.0), np.count_nonzero(along > 1.0))
-        longest = max(longest, count * step_px / camera.camera.width)
+        longest = max(longest, count * usual_step_px(seen.points_px) / camera.camera.width)
     return longest
+
+
+def usual_step_px(points_px: Array) -> float:
+    """Distance of neighbours among a line's points (N, 2) in order, pixels: times their number the length over which
+    the line is seen, without its gaps.
+    """
+    return float(median_of_rows(np.linalg.norm(np.diff(points_px, axis=0), axis=1)))
 
 
 def chord_checks(camera: CameraFit, cues: Cues, template: FieldTemplate, circle: Circle) -> list[Check]:

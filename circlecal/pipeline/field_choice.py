@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.config import Config, suit_config
-from circlecal.field import FieldTemplate, Ground, Line, load_field
+from circlecal.field import FieldTemplate, Ground, load_field
 from circlecal.observations import Observations
 from circlecal.paint.brightness import brightness_of_paint
 from circlecal.pipeline.attempts import refuse_as_open
@@ -175,14 +175,8 @@ def _tells_scale(found: FrameCalibration) -> bool:
     camera, template = found.attempt.camera, found.template
     if camera is None or template is None:
         return False
-    border_m = 0.5 * np.array([template.length_m, template.width_m]) - template.marking_width_m
-
-    def lies_inside(line: Line) -> bool:
-        on_border = np.abs(template.line_ends(line)) >= border_m
-        return not bool(on_border.all(axis=0).any())
-
-    telling = {line.name for line in template.lines if lies_inside(line)} - {template.halfway_line}
-    telling |= {arc.name for arc in template.arcs}
+    telling = {element.name for element in (*template.lines, *template.arcs)}
+    telling -= {*template.border, template.halfway_line}
     return any(key.name in telling for key in camera.residuals_px)
 
 

@@ -93,12 +93,10 @@ def look_for_markings(
     """
     model = fit.model
     unit = model.width / 1920.0
-    names, nodes, _ = template.outlines
-    outline = np.array([template.length_m, template.width_m]) / 2 - template.marking_width_m
-    on_outline = np.asarray((np.abs(nodes) >= outline).all(axis=1), np.bool_)
-    inner = ~np.asarray(on_outline.any(axis=-1), np.bool_)
+    names, _, _ = template.outlines
     own = [k for k, name in enumerate(names) if name in (carriers or {circle.name})]
-    wanted = [*own, *(k for k, name in enumerate(names) if inner[k] and name not in known and k not in own)]
+    elsewhere = known | template.border
+    wanted = [*own, *(k for k, name in enumerate(names) if name not in elsewhere and k not in own)]
     places = place_markings(fit, template, wanted)
     visible = lie_on_surface(places.base, None, model.width, model.height)
     mine = places.element < len(own)

@@ -270,3 +270,9 @@ def test_where_two_lines_meet():
     assert template.meet_lines("side_line_bottom", "side_line_top") is None
     assert template.meet_lines("halfway_line", "halfway_line") is None
     assert template.meet_lines("halfway_line", "nowhere") is None
+
+
+def test_the_border_is_what_lies_on_it_all_along():
+    """A line across the whole field only ends on it."""
+    assert load_field("soccer").border == {f"side_line_{side}" for side in ("top", "bottom", "left", "right")}
+    assert not {"blue_line_left", "goal_line_left"} & load_field("ice-hockey").border
