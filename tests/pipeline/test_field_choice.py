@@ -258,8 +258,8 @@ def test_no_other_sport_is_tried_where_one_explains_all_that_is_painted(monkeypa
 @pytest.mark.parametrize(
     ("profile", "seed", "among", "tried"),
     [
-        ("rink", 3, ["soccer", "ice-hockey-nhl", "ice-hockey"], ["ice-hockey-nhl"]),
-        ("rink", 3, ["soccer", "ice-hockey", "ice-hockey-nhl"], ["ice-hockey-nhl", "ice-hockey"]),
+        ("rink", 0, ["soccer", "ice-hockey-nhl", "ice-hockey"], ["ice-hockey-nhl"]),
+        ("rink", 0, ["soccer", "ice-hockey", "ice-hockey-nhl"], ["ice-hockey-nhl", "ice-hockey"]),
         ("court", 4, ["soccer", "basketball-nba", "basketball"], ["basketball-nba"]),
         ("court", 4, ["soccer", "basketball", "basketball-nba"], ["basketball-nba", "basketball"]),
     ],
