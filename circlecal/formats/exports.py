@@ -90,7 +90,7 @@ class Exports:
         self._cameras: dict[str, list[CameraFrame]] = defaultdict(list)
         self._shapes: dict[str, list[AnnotatedFrame]] = defaultdict(list)
         self._refused: list[AnnotatedFrame] = []
-        self._losses: dict[str, list[CameraFrame]] = defaultdict(list)
+        self._losses: dict[str, list[tuple[float, str]]] = defaultdict(list)
         self.written: list[Path] = []
 
     def require_apart(self, ids: Iterable[str]) -> None:
@@ -147,7 +147,7 @@ class Exports:
             if isinstance(target, CameraFormat):
                 camera = frame.reduce(target.holds, self._size)
                 self._cameras[target.name].append(camera)
-                self._losses[target.name].append(camera)
+                self._losses[target.name].append((camera.loss_px, camera.id))
             elif target.derive is not None:
                 self._shapes[target.name].append(target.derive(frame, observed.original if observed else None))
             if target.per_frame:
@@ -179,8 +179,8 @@ class Exports:
         for target in self._targets:
             if any_frame and not target.per_frame:
                 self._write(target)
-        for name, cameras in self._losses.items():
-            _note_lost_lenses(cameras, name)
+        for name, losses in self._losses.items():
+            _note_lost_lenses(losses, name)
         self._losses.clear()
 
     def _write(self, target: AnnotationFormat | CameraFormat) -> None:
@@ -343,7 +343,7 @@ def convert(
         contents |= _list_on_paint(told, contents, goal.annotations, folder)
     elif goal.cameras and cameras:
         contents = _camera_files(_number(cameras), goal.cameras, folder)
-        _note_lost_lenses(cameras, goal.name)
+        _note_lost_lenses([(camera.loss_px, camera.id) for camera in cameras], goal.name)
     else:
         raise InputError(f"{paths[0]}: holds no accepted frame; nothing to convert")
     _require_apart(contents, paths)
@@ -536,17 +536,18 @@ def _camera_files(frames: Sequence[CameraFrame], target: CameraFormat, folder: P
     return {_path_of(target, frame.id, folder): target.write([frame]) for frame in frames}
 
 
-def _note_lost_lenses(frames: Sequence[CameraFrame], target: str) -> None:
-    """Say once of all frames that a format holds no lens, and what that costs."""
-    lossy = sorted((frame for frame in frames if frame.loss_px >= TOLD_LOSS_PX), key=lambda frame: frame.loss_px)
+def _note_lost_lenses(losses: Iterable[tuple[float, str]], target: str) -> None:
+    """Say once of all frames (pixels and id of each) that a format holds no lens, and what that costs."""
+    lossy = sorted(loss for loss in losses if loss[0] >= TOLD_LOSS_PX)
     if lossy:
-        of_all = f"; of {len(lossy)} frames {lossy[len(lossy) // 2].loss_px:.1f} in the middle" if lossy[1:] else ""
+        largest_px, name = lossy[-1]
+        of_all = f"; of {len(lossy)} frames {lossy[len(lossy) // 2][0]:.1f} in the middle" if lossy[1:] else ""
         _log.warning(
             "%s: %s holds no lens; the homography nearest to it is written, and the field in view lies up to %.1f "
             "pixels beside where the picture shows it%s",
-            lossy[-1].id,
+            name,
             target,
-            lossy[-1].loss_px,
+            largest_px,
             of_all,
         )
 

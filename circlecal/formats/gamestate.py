@@ -8,6 +8,7 @@ cameras are left alone. Classes are spelled without blanks at their ends, and ma
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -53,6 +54,31 @@ class _Labels(FileModel):
     annotations: list[_Annotation]
 
 
+def name_images(path: Path, images: Sequence[GameStateImage]) -> dict[FrameKey, tuple[str, GameStateImage]]:
+    """Images of a file with the ids of their frames, by their key.
+
+    Raises
+    ------
+    InputError
+        Two have one key.
+    """
+    require_distinct(path, "images.{}.image_id", [image.image_id for image in images])
+    names = ids_of_pictures(image.file_name for image in images)
+    return {image.image_id: (name, image) for name, image in zip(names, images, strict=True)}
+
+
+def require_image(path: Path, number: int, key: FrameKey, images: Collection[FrameKey]) -> None:
+    """See that an annotation, told by its place in the file, is of an image of it.
+
+    Raises
+    ------
+    InputError
+        It is not.
+    """
+    if key not in images:
+        raise InputError(f"{path}: annotations.{number}.image_id: {key} is not in the file")
+
+
 def read(path: Path, content: bytes, size: Size | None) -> list[AnnotatedFrame]:
     """The frames of a file, those without lines too.
 
@@ -62,18 +88,14 @@ def read(path: Path, content: bytes, size: Size | None) -> list[AnnotatedFrame]:
         No such file, one that contradicts itself, or the size of the pictures is not known.
     """
     labels = parse_content(_Labels, path, content)
-    require_distinct(path, "images.{}.image_id", [image.image_id for image in labels.images])
+    images = name_images(path, labels.images)
     lines: dict[FrameKey, list[dict[str, list[ClassPoint]]]] = defaultdict(list)
-    known = {image.image_id for image in labels.images}
     for number, annotation in enumerate(labels.annotations):
-        if annotation.supercategory != SUPERCATEGORY:
-            continue
-        if annotation.image_id not in known:
-            raise InputError(f"{path}: annotations.{number}.image_id: {annotation.image_id} is not in the file")
-        lines[annotation.image_id].append(annotation.lines)
-    names = ids_of_pictures(image.file_name for image in labels.images)
+        if annotation.supercategory == SUPERCATEGORY:
+            require_image(path, number, annotation.image_id, images)
+            lines[annotation.image_id].append(annotation.lines)
     frames = []
-    for name, image in zip(names, labels.images, strict=True):
+    for name, image in images.values():
         width, height = require_size(path, (image.width, image.height), size)
         shapes = (s for classes in lines[image.image_id] for s in shapes_of_classes(classes, (width - 1, height - 1)))
         frames.append(AnnotatedFrame(name, width, height, tuple(shapes), image.file_name))

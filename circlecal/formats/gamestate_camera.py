@@ -11,21 +11,18 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from circlecal.errors import InputError
 from circlecal.formats.cameras import CameraFrame, Size
 from circlecal.formats.format import (
     CameraFormat,
     Content,
     FileModel,
-    ids_of_pictures,
     json_bytes,
     parse_content,
     parse_value,
-    require_distinct,
     require_size,
 )
 from circlecal.formats.gamestate import SUPERCATEGORY as PITCH
-from circlecal.formats.gamestate import FrameKey, GameStateImage
+from circlecal.formats.gamestate import FrameKey, GameStateImage, name_images, require_image
 from circlecal.formats.soccernet_camera import CameraKeys
 
 SUPERCATEGORY = "camera"
@@ -52,15 +49,12 @@ def read(path: Path, content: bytes, size: Size | None) -> list[CameraFrame]:
         No such file, one that contradicts itself, or the size of the pictures is not known.
     """
     labels = parse_content(_Labels, path, content)
-    require_distinct(path, "images.{}.image_id", [image.image_id for image in labels.images])
-    names = ids_of_pictures(image.file_name for image in labels.images)
-    images = {image.image_id: (name, image) for name, image in zip(names, labels.images, strict=True)}
+    images = name_images(path, labels.images)
     frames = []
     for number, annotation in enumerate(labels.annotations):
         if annotation.supercategory != SUPERCATEGORY or annotation.parameters is None:
             continue
-        if annotation.image_id not in images:
-            raise InputError(f"{path}: annotations.{number}.image_id: {annotation.image_id} is not in the file")
+        require_image(path, number, annotation.image_id, images)
         name, image = images[annotation.image_id]
         keys = parse_value(CameraKeys, path, annotation.parameters, f"annotations.{number}.parameters")
         camera = keys.camera(path, require_size(path, (image.width, image.height), size))

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from circlecal.files import write_atomic_parts
 from circlecal.names import as_cell
+from circlecal.records.csv_rows import write_rows
 from circlecal.records.parts import HeadRecord, TrackRecord
 from circlecal.records.record import ResultRecord
 
 CAMERAS_NAME = "cameras.csv"
-_BLOCK = 1 << 16
 _DIGITS = 9
 """Significant digits: a metre to a nanometre at the size of a stadium."""
 
@@ -125,20 +122,7 @@ def write_cameras(path: Path, records: Iterable[ResultRecord]) -> None:
     InputError
         The file cannot be written.
     """
-    write_atomic_parts(path, _lines(records))
-
-
-def _lines(records: Iterable[ResultRecord]) -> Iterator[bytes]:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    for record in records:
-        writer.writerow([_cell(read(record)) for read in COLUMNS.values()])
-        if text.tell() > _BLOCK:
-            yield text.getvalue().encode("utf-8", "backslashreplace")
-            text.seek(0)
-            text.truncate()
-    yield text.getvalue().encode("utf-8", "backslashreplace")
+    write_rows(path, COLUMNS, ([_cell(read(record)) for read in COLUMNS.values()] for record in records))
 
 
 def _cell(value: Any) -> Any:

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
-from circlecal.files import write_atomic_parts
 from circlecal.names import as_cell, as_text
+from circlecal.records.csv_rows import write_rows
 from circlecal.records.parts import CameraRow
 from circlecal.records.record import ResultRow
 from circlecal.results import Status
-
-_BLOCK = 1 << 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,21 +87,9 @@ def write_summary(path: Path, rows: Iterable[FrameSummary]) -> None:
     InputError
         The file cannot be written.
     """
-    write_atomic_parts(path, _lines(rows))
-
-
-def _lines(rows: Iterable[FrameSummary]) -> Iterator[bytes]:
     names = [column.name for column in fields(FrameSummary)]
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(names)
-    for row in rows:
-        values = (getattr(row, name) for name in names)
-        writer.writerow(
-            [round(v, 3) if isinstance(v, float) else as_cell(v) if isinstance(v, str) else v for v in values]
-        )
-        if text.tell() > _BLOCK:
-            yield text.getvalue().encode()
-            text.seek(0)
-            text.truncate()
-    yield text.getvalue().encode()
+    write_rows(path, names, ([_cell(getattr(row, name)) for name in names] for row in rows))
+
+
+def _cell(value: Any) -> Any:
+    return round(value, 3) if isinstance(value, float) else as_cell(value) if isinstance(value, str) else value
