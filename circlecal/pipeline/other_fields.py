@@ -44,9 +44,10 @@ to 0.56 with wrong cameras, right cameras of rendered rinks and courts 0.94 to 1
 painted, right ones have 0.37 to 0.56, so that what is laid there decides.
 """
 LEAST_PAINT_M, LEAST_PAINT_SHARE = 0.038, 0.7
-"""Least width of the paint of circles and lines on floors, metres, and share of the template's where that is thin: halls are painted 5 to 8 cm wide. Where a pitch of
-soccer is taken for a field with a smaller circle, its lines of 10 to 12 cm would be 1.5 to 3 cm wide on a handball or
-basketball court, and 3.3 to 3.9 cm on one of futsal. Blur and wear make it a tenth less.
+"""Least width of the paint of circles and lines on floors, metres, and share of the template's where that is thin:
+halls are painted 5 to 8 cm wide. Where a pitch of soccer is taken for a field with a smaller circle, its lines of 10 to
+12 cm would be 1.5 to 3 cm wide on a handball or basketball court, and 3.3 to 3.9 cm on one of futsal. Blur and wear
+make it a tenth less.
 """
 FLOORS = "floor", "any"
 """Grounds of the templates of halls."""

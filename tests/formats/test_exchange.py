@@ -4,6 +4,7 @@ import json
 import struct
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -26,13 +27,14 @@ from circlecal.formats import (
 )
 from circlecal.formats.annotation import Annotation, annotation_bytes, markings_of
 from circlecal.formats.cameras import CalibratedFrame, CameraFrame
-from circlecal.formats.exports import convert
+from circlecal.formats.exports import convert, field_of_record
 from circlecal.formats.format import json_bytes
 from circlecal.formats.meaning import SourcesConfig, read_observations
 from circlecal.formats.registry import open_file, read_annotations
 from circlecal.formats.shapes import AnnotatedFrame, Shape
 from circlecal.geometry.projective import apply_homography
 from circlecal.observations import CirclePoints, Observations
+from circlecal.records.parts import FieldRecord
 
 
 def format_of(path, name=None):
@@ -293,6 +295,21 @@ def test_what_a_format_without_a_lens_loses_is_told_once(frame_camera, soccer, t
     convert(paths[2:], None, "worldcup", tmp_path / "straight", soccer)
     convert(paths, None, "tvcalib", tmp_path / "lens", soccer)
     assert not caplog.records
+
+
+@pytest.mark.parametrize("is_told", [True, False])
+def test_the_circle_of_a_record_is_the_one_that_was_seen(is_told):
+    rink, asked = load_field("ice-hockey-nhl"), []
+    told = next(name for name in rink.circle_by_name if name != rink.default_circle) if is_told else None
+    record = SimpleNamespace(field=FieldRecord(template=rink.name, circle=told))
+    template, circle = field_of_record(record, rink, asked.append)
+    assert template is rink and not asked
+    assert circle.name == (told or rink.default_circle)
+    other = load_field("soccer")
+    template, circle = field_of_record(SimpleNamespace(field=FieldRecord(template=rink.name)), other, load_field)
+    assert (template.name, circle.name) == (rink.name, rink.default_circle)
+    template, circle = field_of_record(SimpleNamespace(field=None), other, asked.append)
+    assert template is other and circle.name == "centre_circle"
 
 
 def test_several_files_become_one(files, soccer, tmp_path):
