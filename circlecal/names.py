@@ -56,10 +56,12 @@ def as_cell(text: str) -> str:
     return f"'{safe}" if safe.startswith(_FORMULA) else safe
 
 
-def picture_name(frame_id: str, path: str) -> str:
+def picture_name(frame_id: str, path: str | None, time_s: float | None = None) -> str | None:
     """Name of a frame's picture in files of other programs: that of its file, or with the frame's id where pictures of
-    several folders have one name.
+    several folders have one name, or it is at a time of a video; None where there is no file.
     """
+    if time_s is not None or not path:
+        return None if time_s is None else f"{frame_id}.jpg"
     name = path.replace("\\", "/").rpartition("/")[2]
     stem, dot, suffix = name.rpartition(".")
     is_other = frame_id != stem and frame_id.endswith(stem)

@@ -9,6 +9,7 @@ import pytest
 
 from circlecal.errors import InputError
 from circlecal.files import prepare_folder, remove_left_over, replacement
+from circlecal.names import picture_name
 from circlecal.records.log import ResultLog
 
 pytest.importorskip("fcntl", reason="files are not locked here")
@@ -64,3 +65,17 @@ def test_a_link_to_no_folder_is_called_one(tmp_path, make, target, below):
     link.touch()
     with pytest.raises(InputError, match=r"out: is a file, not a folder; choose another --out"):
         make(link)
+
+
+@pytest.mark.parametrize(
+    ("frame_id", "path", "time_s", "expected"),
+    [
+        ("a", "day/a.png", None, "a.png"),
+        ("cam1__a", "cam1/a.png", None, "cam1__a.png"),
+        ("clip_000001", "clip.mp4", 1.0, "clip_000001.jpg"),
+        ("a", "C:\\day\\a.png", None, "a.png"),
+        ("a", None, None, None),
+    ],
+)
+def test_the_picture_of_a_frame_has_a_name_for_other_programs(frame_id, path, time_s, expected):
+    assert picture_name(frame_id, path, time_s) == expected

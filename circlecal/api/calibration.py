@@ -407,7 +407,7 @@ class Calibration:
 
         ``attempt.ellipses.primary.conic`` is the image of the circle, ``attempt.correspondences`` the paper's eight
         ``points`` and ``tangents`` with its ``case``, ``imaged_center`` and ``vanishing_line``, ``attempt.homography``
-        their DLT, ``attempt.camera`` the camera with its covariance.
+        the DLT of these and of what was seen beside the circle, ``attempt.camera`` the camera with its covariance.
 
         See :class:`circlecal.results.Attempt`.
         """
@@ -582,10 +582,7 @@ class Calibration:
 
     @property
     def _picture_name(self) -> str | None:
-        """Name of the picture for other programs; one of a video is named by its frame."""
-        if self.source is None:
-            return None
-        return picture_name(self.id, self.source) if self.time_s is None else f"{self.id}.jpg"
+        return picture_name(self.id, self.source, self.time_s)
 
     # --- as a value
 

@@ -198,8 +198,7 @@ class Annotation(FileModel):
         """The annotation as other formats and :func:`circlecal.formats.meaning.observe` take it."""
         template = load_template(self.field)
         shapes = tuple(shape for m in self.markings if m.used for shape in _shapes(m, template, nameless))
-        image = None if self.source is None else picture_name(self.id, self.source)
-        image = f"{self.id}.jpg" if self.time_s is not None else image
+        image = picture_name(self.id, self.source, self.time_s)
         seen = self.observations(nameless)
         return AnnotatedFrame(
             self.id, self.width, self.height, shapes, image, observations=seen, field=self.field, on_paint=True

@@ -260,10 +260,7 @@ def field_of_record(
 
 
 def _picture_name(record: ResultRecord) -> str | None:
-    """Name of a frame's picture; one of a video is named by its id."""
-    if record.source is not None and record.source.time_s is not None:
-        return f"{record.id}.jpg"
-    return picture_name(record.id, record.path) if record.path else None
+    return picture_name(record.id, record.path, None if record.source is None else record.source.time_s)
 
 
 @dataclass(frozen=True, slots=True)
