@@ -538,7 +538,7 @@ def _note_lost_lenses(losses: Iterable[tuple[float, str]], target: str) -> None:
     lossy = sorted(loss for loss in losses if loss[0] >= TOLD_LOSS_PX)
     if lossy:
         largest_px, name = lossy[-1]
-        of_all = f"; of {len(lossy)} frames {lossy[len(lossy) // 2][0]:.1f} in the middle" if lossy[1:] else ""
+        of_all = f"; of {len(lossy)} frames {lossy[(len(lossy) - 1) // 2][0]:.1f} in the middle" if lossy[1:] else ""
         _log.warning(
             "%s: %s holds no lens; the homography nearest to it is written, and the field in view lies up to %.1f "
             "pixels beside where the picture shows it%s",
