@@ -314,6 +314,18 @@ CHECKS: dict[str, Gate] = {
         " beyond the length at which as much is bare, picture widths",
         at_least=True,
     ),
+    "lines_found_share": Gate(
+        "markings_missing",
+        "share of the straight markings beside a painted disc that are there",
+        at_least=True,
+        words="the lines beside the disc are not where the camera puts them: it may be seen from the other side",
+    ),
+    "surface_share": Gate(
+        "picture_contradicts",
+        "share of the markings in the picture that lie on the playing surface",
+        at_least=True,
+        words="much of the field that the camera puts into the picture lies beside the playing surface",
+    ),
     "painted_width_m": Gate(
         "other_field",
         "greatest width that the paint of circle and lines may have on a floor, m",

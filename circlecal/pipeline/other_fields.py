@@ -16,10 +16,11 @@ from circlecal.field import Circle, FieldTemplate, field_names, load_field
 from circlecal.pipeline.attempts import add_checks, refuse_as_open
 from circlecal.pipeline.field_paint import look_for_paint
 from circlecal.pipeline.leagues import lay_over_attempt, weigh
-from circlecal.pipeline.placed_view import FEWEST_CARRYING, count_carrying, lie_about_alike
+from circlecal.pipeline.placed_view import FEWEST_CARRYING, SURFACE_SHARE, count_carrying, lie_about_alike
 from circlecal.pipeline.setting import Scene, Setting, lighten_markings
 from circlecal.placement import SeenPaint, ViewEvidence, weigh_view
 from circlecal.results import Attempt, Check, Verdict
+from circlecal.stages.confirm import look_for_markings
 from circlecal.stages.evidence import bound_paint_width
 
 FIELD_RATIO = 1.2
@@ -37,6 +38,10 @@ LEAST_EVIDENCE, LEAST_SHARE = 0.3, 0.55
 """Evidence, picture widths, and share of its markings in view that are painted, without which no other field is
 believed: as of a field that is laid over the picture.
 """
+SURE_SHARE = 0.8
+"""Share of its markings in view that are painted from which on another field is named: right names of eight rendered
+rinks and courts have 0.74 to 0.95, six of them 0.8 at least; wrong names 0.70.
+"""
 FULL_SHARE = 0.75
 """Share of the paint below which a camera may lie about another circle than its own, so that other fields are laid
 about each of its size and colour: four rendered rinks under the other league and a court under an older one have 0.44
@@ -45,12 +50,17 @@ painted, right ones have 0.37 to 0.56, so that what is laid there decides.
 """
 LEAST_PAINT_M, LEAST_PAINT_SHARE = 0.038, 0.7
 """Least width of the paint of circles and lines on floors, metres, and share of the template's where that is thin:
-halls are painted 5 to 8 cm wide. Where a pitch of soccer is taken for a field with a smaller circle, its lines of 10 to
-12 cm would be 1.5 to 3 cm wide on a handball or basketball court, and 3.3 to 3.9 cm on one of futsal. Blur and wear
-make it a tenth less.
+halls are painted 5 to 8 cm wide, of which blur and wear leave nine tenths (14 rendered halls: 4.6 to 8 cm; three real
+courts 5 to 5.5). Where a pitch of soccer is taken for a field with a smaller circle, its lines of 10 to 12 cm would be
+2 to 2.6 cm wide on a court of handball or basketball, and 3.3 to 3.9 on one of futsal (seven rendered: 1.5 to 3.2).
 """
 FLOORS = "floor", "any"
 """Grounds of the templates of halls."""
+LEAST_LINES_FOUND, THINNEST_LINE = 0.62, 0.05
+"""Least share of the straight markings beside a painted disc that is there, and how thin these may be: eight rendered
+houses of curling from behind and from beside, with cameras within 3 px, have 0.84 to 0.94; two that were put on the
+other side of the house, where its tee line and centre line lie too, but neither the back line nor the hog line, 0.4.
+"""
 OF_ANY_SCALE = ("soccer",)
 """Sports whose circles have several sizes on fields of any size."""
 NOTHING = 0.01
@@ -62,23 +72,29 @@ def refuse_other_field(setting: Setting, scene: Scene, attempt: Attempt) -> Atte
     the reason names; or where most of the markings that the camera puts into view are not painted.
 
     Right cameras of 14 real and 30 rendered rinks, courts and robots' fields have evidence of 0.17 picture widths at
-    least. Four rendered houses of curling that were put on the other side have -0.6 to -0.3, and four seen from behind,
-    with cameras within 5 px, have that too: nothing tells these apart, and all are refused.
+    least; of 26 rendered halls of futsal and handball 0.39 at least, with 0.9 of what they put into view on the floor.
+    Halls of the other sport that were calibrated 98 to 236 px off have 0.25 and half of it painted, or 0.54 on the
+    floor. Of a painted disc the straight lines
+    decide.
     """
     template, camera, mask = setting.template, attempt.camera, attempt.mask
     if not (attempt.is_calibrated and has_leagues(template)) or camera is None or mask is None:
         return attempt
-    circle = _find_circle(setting, attempt)
-    if mask.source != "detector" or circle is None:
+    if mask.source != "detector":
         return attempt
     with setting.clock("verdict"):
         attempt = _refuse_thin_paint(setting, scene, attempt)
+        circle = _find_circle(setting, attempt)
         paint = look_for_paint(scene, mask, setting.config, template)
-        if paint is None or not attempt.is_calibrated:
+        if paint is None or circle is None or not attempt.is_calibrated:
             return attempt
         seen_there = weigh_view(camera.view, template, paint)
-        if setting.config.field.all_markings and seen_there.evidence < 0.0:
-            return refuse_as_open(attempt, "markings_missing")
+        is_disc = circle.fill == "disc" and template.polarity == "dark"
+        attempt = (
+            _judge_lines(scene, attempt, template, circle) if is_disc else _judge_alone(setting, attempt, seen_there)
+        )
+        if not attempt.is_calibrated:
+            return attempt
         others = list(_find_others(template, is_sport_told=count_carrying(attempt) > FEWEST_CARRYING))
         laid = lay_over_attempt(attempt, template, circle, paint, (template, *others))
         if laid is None:
@@ -94,7 +110,8 @@ def refuse_other_field(setting: Setting, scene: Scene, attempt: Attempt) -> Atte
     attempt = add_checks(attempt, check)
     if check.passed or best is None or attempt.verdict is None:
         return attempt
-    reason = f"the picture looks like {best}: its markings are painted, and those of {template.name} are not"
+    likely = best if rivals[best].found_share >= SURE_SHARE else "another field"
+    reason = f"the picture looks like {likely}: its markings are painted, and those of {template.name} are not"
     return _refuse(attempt, reason)
 
 
@@ -106,10 +123,48 @@ def _refuse_thin_paint(setting: Setting, scene: Scene, attempt: Attempt) -> Atte
     carriers = frozenset(key.name for key in camera.residuals_px)
     picture = lighten_markings(scene.marked, mask, setting.circle)
     width_m = bound_paint_width(picture, mask, camera, template, carriers) * template.marking_width_m
-    check = Check.of("painted_width_m", width_m, min(LEAST_PAINT_M, LEAST_PAINT_SHARE * template.marking_width_m))
-    if check.passed:
+    least_m = min(LEAST_PAINT_M, LEAST_PAINT_SHARE * template.marking_width_m)
+    return _add_check(attempt, Check.of("painted_width_m", width_m, least_m))
+
+
+def _add_check(attempt: Attempt, check: Check) -> Attempt:
+    """An attempt with another check, which refuses it where it fails."""
+    if check.passed or attempt.verdict is None:
         return add_checks(attempt, check)
     return replace(attempt, verdict=Verdict.refusal_by(check, (*attempt.verdict.checks, check)))
+
+
+def _judge_lines(scene: Scene, attempt: Attempt, template: FieldTemplate, circle: Circle) -> Attempt:
+    """The attempt about a disc, refused where the dark lines that its camera puts into view are not there: lines so
+    thin are found along their places only.
+    """
+    camera, mask = attempt.camera, attempt.mask
+    if camera is None or mask is None:
+        return attempt
+    dark, seen = ~scene.marked, frozenset({circle.name})
+    region = mask.field_region
+    agreement = look_for_markings(dark, camera, template, circle, frozenset(), region, seen, THINNEST_LINE)
+    is_line = np.isin(agreement.names, [*template.line_by_name])
+    length = agreement.length_px[is_line]
+    if not length.any():
+        return refuse_as_open(attempt, "markings_missing")
+    found = float(length @ agreement.share[is_line]) / float(length.sum())
+    return _add_check(attempt, Check.of("lines_found_share", found, LEAST_LINES_FOUND))
+
+
+def _judge_alone(setting: Setting, attempt: Attempt, seen: ViewEvidence) -> Attempt:
+    """The attempt, refused where what its camera puts into view is not painted. In a hall, where the camera lies about
+    the only circle of the field, also where much of that lies beside the floor, and where hardly more is painted than
+    is not and most of the paint is no marking.
+    """
+    field = setting.config.field
+    if not field.all_markings:
+        return attempt
+    is_alone = setting.template.ground in FLOORS and not field.any_circle
+    is_poor = seen.evidence < LEAST_EVIDENCE and seen.found_share < LEAST_SHARE and seen.explained_share < FULL_SHARE
+    if seen.evidence < 0.0 or (is_alone and is_poor):
+        return refuse_as_open(attempt, "markings_missing")
+    return _add_check(attempt, Check.of("surface_share", seen.surface_share, SURFACE_SHARE)) if is_alone else attempt
 
 
 def has_leagues(template: FieldTemplate) -> bool:

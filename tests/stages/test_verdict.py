@@ -195,6 +195,8 @@ def test_a_good_camera_is_accepted_with_every_check():
         "noise_beside_mark",
         "arc_residual_px",
         "other_size_share",
+        "lines_found_share",
+        "surface_share",
         "painted_width_m",
         "other_field_ratio",
         "beyond_rules_m",
