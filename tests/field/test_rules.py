@@ -108,6 +108,18 @@ RULES = {
             "seven_metre": (13, 0.5, 13, 0.5),
         },
     ),
+    "handball-any": (
+        M,
+        {
+            "field": (40, 20),
+            "centre_circle": (0, 0, 2),
+            "halfway_line": (0, 10, 0, 10),
+            "side_line": (20, 10, 20, 10),
+            "goal_area": (20, 1.5, 6),
+            "goal_area_main": (14, 1.5, 14, 1.5),
+            "seven_metre": (13, 0.5, 13, 0.5),
+        },
+    ),
     "ice-hockey": (
         M,
         {
@@ -233,7 +245,8 @@ RULES = {
 PAINT = {
     "soccer": (0.12, M), "soccer-any": (0.12, M), "soccer-9": (0.12, M), "soccer-7": (0.12, M),
     "beach-soccer": (0.1, M),
-    "futsal": (0.08, M), "handball": (0.05, M), "ice-hockey": (0.05, M), "ice-hockey-nhl": (2 * INCH, FT),
+    "futsal": (0.08, M), "handball": (0.05, M), "handball-any": (0.05, M),
+    "ice-hockey": (0.05, M), "ice-hockey-nhl": (2 * INCH, FT),
     "basketball": (0.05, M), "basketball-fiba-2009": (0.05, M), "basketball-nba": (2 * INCH, FT),
     "basketball-ncaa": (2 * INCH, FT), "basketball-nfhs": (2 * INCH, FT),
     "robocup": (0.05, M), "robocup-kid": (0.05, M), "robocup-adult": (0.05, M),
