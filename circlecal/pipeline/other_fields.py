@@ -11,6 +11,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
+import numpy as np
+
 from circlecal.config import TOLD_APART
 from circlecal.field import Circle, FieldTemplate, field_names, load_field
 from circlecal.pipeline.attempts import add_checks, refuse_as_open
