@@ -387,8 +387,8 @@ class FieldTemplate(BaseModel):
         """Names of the markings that lie on the field's border all along: touchlines and goal lines."""
         border_m = 0.5 * np.array([self.length_m, self.width_m]) - self.marking_width_m
         names, nodes, _ = self.outlines
-        on_border = np.asarray((np.abs(nodes) >= border_m).all(axis=1), np.bool_)
-        return frozenset(name for name, is_on in zip(names, on_border.any(axis=-1), strict=True) if is_on)
+        on_border = np.asarray((np.abs(nodes) >= border_m).all(axis=1).any(axis=1), np.bool_)
+        return frozenset(name for name, is_on in zip(names, on_border.tolist(), strict=True) if is_on)
 
     @cached_property
     def is_in_one_paint(self) -> bool:
