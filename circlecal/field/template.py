@@ -387,7 +387,7 @@ class FieldTemplate(BaseModel):
         """Names of the markings that lie on the field's border all along: touchlines and goal lines."""
         border_m = 0.5 * np.array([self.length_m, self.width_m]) - self.marking_width_m
         names, nodes, _ = self.outlines
-        on_border = np.asarray((np.abs(nodes) >= border_m).all(axis=1).any(axis=1), np.bool_)
+        on_border = np.asarray(np.any(np.all(np.abs(nodes) >= border_m, axis=1), axis=1), np.bool_)
         return frozenset(name for name, is_on in zip(names, on_border.tolist(), strict=True) if is_on)
 
     @cached_property
