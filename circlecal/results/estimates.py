@@ -30,6 +30,12 @@ def _freeze(found: CameraFit | HomographyRegion | Camera) -> None:
             value.setflags(write=False)
 
 
+def _read_only(values: Array) -> Array:
+    """An array that was made for whoever asks, as unchangeable as those that a result holds."""
+    values.setflags(write=False)
+    return values
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class PointCorrespondence:
     """A derived point: label, field (2,) metres, image (2,) pixels, and its sigma where known."""
@@ -351,12 +357,12 @@ class CameraFit(ShortRepr):
     @property
     def H_image_field(self) -> Array:
         """Of the plane tangent at the centre mark, to undistorted pixels (3, 3)."""
-        return self.camera.homography
+        return _read_only(self.camera.homography)
 
     @property
     def H_field_image(self) -> Array:
         """From undistorted pixels to that plane (3, 3)."""
-        return scale_homography(np.linalg.inv(self.camera.homography))
+        return _read_only(scale_homography(np.linalg.inv(self.camera.homography)))
 
     @property
     def all_residuals_px(self) -> dict[MarkingKey, float]:
