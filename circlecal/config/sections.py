@@ -36,7 +36,6 @@ TOLD_APART = (
     "basketball",
     "basketball-nba",
     "basketball-ncaa",
-    "basketball-nfhs",
     "futsal",
     "handball",
 )

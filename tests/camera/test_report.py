@@ -116,8 +116,9 @@ def test_four_points_of_a_region_lie_far_apart():
 
 
 def test_a_hall_field_whose_size_is_free_tells_it():
-    """No rule leaves a futsal field a choice of sizes, but the user may: its length stood in the table as 40 m."""
-    free = load_field("futsal").model_copy(update={"length_sd_m": 1.0})
+    """Where no rule leaves a field a choice of sizes, the user may: its length stood in the table as 40 m."""
+    fixed = {"length_range_m": None, "width_range_m": None}
+    free = load_field("futsal").model_copy(update={"length_sd_m": 1.0, **fixed})
     longer = load_field("futsal", {"length": 40.8})
     circle = free.circle_by_name[free.default_circle]
     camera = aim_camera(np.array([3.0, 20.0, -9.0]), np.array([0.0, 0.0, 0.0]), 900.0, 0.0, 1280, 720)

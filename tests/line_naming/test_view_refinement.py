@@ -5,7 +5,7 @@ import pytest
 
 from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import LOG_FOCAL, PAN, POSITION, ProjectionModel, project, theta_of
-from circlecal.line_naming.view_refinement import SeenMarkings, curves_of, refine_views
+from circlecal.line_naming.view_refinement import SeenMarkings, refine_views
 from circlecal.synthetic.cameras import aim_camera
 
 SOCCER = load_field("soccer")
@@ -14,7 +14,7 @@ CAMERA = aim_camera(np.array([-1.0, 65.0, -17.0]), np.array([-24.0, -4.0, 0.0]),
 TRUTH = theta_of(CAMERA, MODEL, 0.0)
 LINES = ("side_line_left", "big_rect_left_main", "big_rect_left_top", "side_line_top")
 INDEX = {line.name: k for k, line in enumerate(SOCCER.lines)}
-CIRCLE = next(k for k, curve in enumerate(curves_of(SOCCER)) if curve.name == "centre_circle")
+CIRCLE = next(k for k, curve in enumerate(SOCCER.round_ones) if curve.name == "centre_circle")
 NO_CURVES = np.zeros((0, 12, 2)), np.zeros((1, 0), int)
 
 
@@ -28,7 +28,7 @@ def ends_of(name):
 
 def arc_of_circle():
     """Points (12, 2) of the part of the centre circle that is nearest to the left goal."""
-    circle = curves_of(SOCCER)[CIRCLE]
+    circle = SOCCER.round_ones[CIRCLE]
     return CAMERA.project(SOCCER.curve_points(circle, "center", np.radians(np.linspace(130.0, 230.0, 12))))
 
 
@@ -50,28 +50,28 @@ def seen(names=LINES, with_circle=True):
 
 def off_px(theta):
     """Mean distance of the centre circle under a camera (1, P) from where it is, pixels."""
-    circle = SOCCER.curve_points(curves_of(SOCCER)[CIRCLE], "center", np.radians(np.arange(0.0, 360.0, 5.0)))
+    circle = SOCCER.curve_points(SOCCER.round_ones[CIRCLE], "center", np.radians(np.arange(0.0, 360.0, 5.0)))
     found = project(theta, circle[None], MODEL).pixels[0]
     return float(np.linalg.norm(found - CAMERA.project(circle), axis=1).mean())
 
 
 def test_lines_and_a_part_of_the_circle_move_a_rough_camera_to_its_place():
-    found = refine_views(rough(), seen(), SOCCER, curves_of(SOCCER), MODEL)
+    found = refine_views(rough(), seen(), SOCCER, SOCCER.round_ones, MODEL)
     assert off_px(rough()) > 30.0
     assert off_px(found) < 3.0
 
 
 def test_the_circle_tells_what_lines_of_one_end_do_not():
-    alone = refine_views(rough(), seen(with_circle=False), SOCCER, curves_of(SOCCER), MODEL)
-    both = refine_views(rough(), seen(), SOCCER, curves_of(SOCCER), MODEL)
+    alone = refine_views(rough(), seen(with_circle=False), SOCCER, SOCCER.round_ones, MODEL)
+    both = refine_views(rough(), seen(), SOCCER, SOCCER.round_ones, MODEL)
     assert off_px(both) < 0.5 * off_px(alone)
 
 
 def test_a_right_camera_stays_and_a_wrong_name_moves_it_little():
-    right = refine_views(TRUTH[None], seen(), SOCCER, curves_of(SOCCER), MODEL)
+    right = refine_views(TRUTH[None], seen(), SOCCER, SOCCER.round_ones, MODEL)
     assert off_px(right) < 0.5
     wrong = ("side_line_left", "big_rect_left_main", "small_rect_left_top", "side_line_top")
-    assert off_px(refine_views(TRUTH[None], seen(wrong), SOCCER, curves_of(SOCCER), MODEL)) < 60.0
+    assert off_px(refine_views(TRUTH[None], seen(wrong), SOCCER, SOCCER.round_ones, MODEL)) < 60.0
 
 
 def test_every_camera_is_moved_by_its_own_names():
@@ -79,6 +79,6 @@ def test_every_camera_is_moved_by_its_own_names():
     names = np.concatenate([seen().markings, one.markings])
     rings = np.array([[CIRCLE], [-1]])
     both = SeenMarkings(one.segments, names, arc_of_circle()[None], rings)
-    found = refine_views(np.repeat(rough(), 2, axis=0), both, SOCCER, curves_of(SOCCER), MODEL)
-    assert found[0] == pytest.approx(refine_views(rough(), seen(), SOCCER, curves_of(SOCCER), MODEL)[0])
+    found = refine_views(np.repeat(rough(), 2, axis=0), both, SOCCER, SOCCER.round_ones, MODEL)
+    assert found[0] == pytest.approx(refine_views(rough(), seen(), SOCCER, SOCCER.round_ones, MODEL)[0])
     assert off_px(found[:1]) < 3.0 < off_px(found[1:])
