@@ -16,7 +16,7 @@ from functools import lru_cache
 import numpy as np
 
 from circlecal.geometry.camera_parameters import rotations
-from circlecal.geometry.projective import Array, Mask
+from circlecal.geometry.projective import Array, Mask, freeze
 
 VIEWING = 7
 """The first seven parameters are replaced: log focal length, u, v, roll, log distance, azimuth, elevation."""
@@ -46,9 +46,7 @@ def _look_from(theta: bytes, width: int, center_m: bytes) -> tuple[Array, Array,
     R, offset, seen = _toward(rows, center)
     viewing, by_viewing = _viewing_coordinates(rows, offset, seen), _jacobian(rows, R, offset, seen)
     usable: Mask = np.isfinite(viewing.sum(axis=1) + by_viewing.sum(axis=(1, 2)))
-    for values in (viewing, by_viewing, usable):
-        values.setflags(write=False)
-    return viewing, by_viewing, usable
+    return freeze(viewing), freeze(by_viewing), freeze(usable)
 
 
 def _toward(theta: Array, center_m: Array) -> tuple[Array, Array, Array]:

@@ -144,7 +144,8 @@ def _require_answers(
 def print_agreement(found: Agreement, *, as_json: bool = False) -> None:
     """Print what two people annotated alike and differently: one row per frame, the worst first, and per marking."""
     from circlecal.cli import console
-    from circlecal.evaluation.agreement import REFERENCE_WIDTH_PX, list_differences
+    from circlecal.evaluation.agreement import list_differences
+    from circlecal.formats.meaning import REFERENCE_WIDTH_PX
 
     if as_json:
         console.print_json(json.dumps(found.as_record()))

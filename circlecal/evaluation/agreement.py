@@ -15,13 +15,13 @@ from circlecal.errors import InputError
 from circlecal.field.view import FieldView
 from circlecal.files import is_folder
 from circlecal.formats.annotation import Annotation, is_annotation_file, read_annotations
+from circlecal.formats.meaning import REFERENCE_WIDTH_PX
 from circlecal.geometry.conic_fits import fit_conic
 from circlecal.geometry.conics import sampson_distance
 from circlecal.geometry.projective import Array
+from circlecal.overlay.page_view import cell_centers
 from circlecal.results import FrameCalibration
 
-REFERENCE_WIDTH_PX = 1920.0
-"""Pixels are those of pictures of this width."""
 SAME_PAINT_PX = 8.0
 """Markings of two people that lie no further apart (median, pixels at 1920 px width) are one, whatever their names: two
 markings of a pitch that are nearer to each other in a picture are too far away to be named.
@@ -257,9 +257,7 @@ def measure_cameras(first: FrameCalibration, second: FrameCalibration) -> Array 
 
 def _places_in_view(view: FieldView, found: FrameCalibration) -> tuple[Array, Array]:
     """Pixels (N, 2) on a grid over a picture that show the field, and the places (N, 2) that they show."""
-    shares = [(np.arange(count) + 0.5) / count for count in _GRID]
-    x, y = np.meshgrid(shares[0] * found.width, shares[1] * found.height)
-    pixels = np.stack([x, y], axis=-1).reshape(-1, 2) - 0.5
+    pixels = cell_centers(view, *_GRID).reshape(-1, 2)
     places = view.to_field(pixels)
     half = np.array([found.template.length_m, found.template.width_m]) / 2.0 if found.template else np.array([60, 45])
     is_field = (np.abs(np.nan_to_num(places, nan=np.inf)) < half + _BEYOND_M).all(axis=1)

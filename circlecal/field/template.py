@@ -18,7 +18,7 @@ import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
 
 from circlecal.geometry.homography import compass_label
-from circlecal.geometry.projective import Array, meet
+from circlecal.geometry.projective import Array, freeze, meet
 
 _OPERATORS: dict[type[ast.AST], Any] = {
     ast.Add: operator.add,
@@ -428,7 +428,7 @@ class FieldTemplate(BaseModel):
         """Ends (2, 2) and shift (3, 2) of each straight marking by its name, as of :meth:`line_ends` and
         :meth:`line_shift`.
         """
-        return {line.name: (_keep(self._draw_line(line)), _keep(self._shift_line(line))) for line in self.lines}
+        return {line.name: (freeze(self._draw_line(line)), freeze(self._shift_line(line))) for line in self.lines}
 
     def _draw_line(self, line: Line, marking_width_m: float | None = None) -> Array:
         shift = np.asarray(line.paint, dtype=np.float64) * self.paint_width(line, marking_width_m) / 2
@@ -469,7 +469,7 @@ class FieldTemplate(BaseModel):
         :meth:`line_shift`.
         """
         ends, shifts = zip(*self.line_places.values(), strict=True) if self.lines else ((), ())
-        return _keep(np.array(ends).reshape(-1, 2, 2)), _keep(np.array(shifts).reshape(-1, 3, 2))
+        return freeze(np.array(ends).reshape(-1, 2, 2)), freeze(np.array(shifts).reshape(-1, 3, 2))
 
     @cached_property
     def outlines(self) -> tuple[tuple[str, ...], Array, Array]:
@@ -487,7 +487,7 @@ class FieldTemplate(BaseModel):
         names = tuple(element.name for element in (*self.round_ones, *self.lines))
         round_shifts = np.array([self.place_shift(circle.center) for circle in self.round_ones]).reshape(-1, 3, 2)
         points = np.concatenate([np.array(curves).reshape(-1, NODES, 2), straight])
-        return names, _keep(points), _keep(np.concatenate([round_shifts, shifts]))
+        return names, freeze(points), freeze(np.concatenate([round_shifts, shifts]))
 
     def growth_of(self, marking_m: Array) -> tuple[Array, Array]:
         """How markings (..., N, 2) go with the length and the width of the field, which change their points along x and
@@ -520,7 +520,7 @@ class FieldTemplate(BaseModel):
     @cached_property
     def line_rows(self) -> Array:
         """All straight markings as homogeneous lines (T, 3), as of :meth:`line_coordinates`."""
-        return _keep(np.array([self.line_coordinates(line) for line in self.lines]).reshape(-1, 3))
+        return freeze(np.array([self.line_coordinates(line) for line in self.lines]).reshape(-1, 3))
 
     def polylines(self, step_m: float = 0.25) -> dict[str, Array]:
         """Centrelines of every element as polylines ``{name: (N, 2)}``, for drawing."""
@@ -539,9 +539,3 @@ class FieldTemplate(BaseModel):
         start, end = circle.span_deg
         count = max(8, int(np.ceil(np.radians(end - start) * self.radius(circle, "center") / step_m)) + 1)
         return self.curve_points(circle, "center", np.radians(np.linspace(start, end, count)))
-
-
-def _keep(values: Array) -> Array:
-    """What all pictures of a field share, which none may write to."""
-    values.setflags(write=False)
-    return values

@@ -26,7 +26,7 @@ from circlecal.geometry.camera import (
     plane_homography,
     rotations_by,
 )
-from circlecal.geometry.projective import Array
+from circlecal.geometry.projective import Array, freeze
 from circlecal.geometry.surface import Surface
 
 PARAMETERS = (
@@ -72,9 +72,7 @@ class ProjectionModel:
 @lru_cache(maxsize=64)
 def _center_of(width: int, height: int) -> Array:
     """Centre of pictures of a size, which each projection asks for."""
-    center = image_center(width, height)
-    center.setflags(write=False)
-    return center
+    return freeze(image_center(width, height))
 
 
 def camera_of(theta: Array, model: ProjectionModel) -> Camera:
@@ -112,9 +110,7 @@ def rotations(theta: Array) -> Array:
 @lru_cache(maxsize=16)
 def _rotations_of(angles: bytes) -> Array:
     """Rotations by angles (B, 3), kept since half of them are asked for again: by a step after what led to it."""
-    found = rotations_by(np.frombuffer(angles).reshape(-1, 3))
-    found.setflags(write=False)
-    return found
+    return freeze(rotations_by(np.frombuffer(angles).reshape(-1, 3)))
 
 
 def homographies(theta: Array, model: ProjectionModel) -> Array:

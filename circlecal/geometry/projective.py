@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import atan2, cos, sin, sqrt
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,7 +14,14 @@ PointsLike = ArrayLike | Sequence[object]
 """Points as users write them: to type checkers ``[[1, 2], [3.5, 4]]`` is a list of objects."""
 Mask = NDArray[np.bool_]
 Indices = NDArray[np.int_]
+Values = TypeVar("Values", bound=NDArray[np.generic])
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
+
+
+def freeze(values: Values) -> Values:
+    """The array itself, which nobody may write to from now on: several share it."""
+    values.setflags(write=False)
+    return values
 
 
 def lift(points: ArrayLike) -> Array:

@@ -23,7 +23,7 @@ from circlecal.camera.residuals import (
 )
 from circlecal.field import FieldTemplate, Line
 from circlecal.geometry.camera_parameters import LOG_FOCAL, POSITION, project
-from circlecal.geometry.projective import Array, fit_line, line_distance, meet
+from circlecal.geometry.projective import Array, fit_line, freeze, line_distance, meet
 from circlecal.observations import LineEnd, LinePoints, Observations
 from circlecal.paint.ends import piece_beside
 
@@ -326,9 +326,7 @@ def _course_of(points: bytes) -> tuple[Array, Array]:
     line = fit_line(places)
     position = places @ np.array([line[1], -line[0]])
     ends = places[[np.argmin(position), np.argmax(position)]]
-    line.setflags(write=False)
-    ends.setflags(write=False)
-    return line, ends
+    return freeze(line), freeze(ends)
 
 
 def _curve_of_point(line: Line, point_px: Array, sigma: Array, template: FieldTemplate) -> CurvePoints:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.geometry.medians import upper_median
-from circlecal.geometry.projective import Array
+from circlecal.geometry.projective import Array, freeze
 from circlecal.paint.profiles import GrayPicture, Profiles, sample_profiles, smooth_along
 
 __all__ = [
@@ -196,9 +196,7 @@ def measure_bands(profiles: Profiles, offsets: Array, search: float) -> Bands:
 def _shares_of_rims(count: int, rim: int) -> NDArray[np.float32]:
     """How much the medians of the first and the last samples, so many, count at each of the samples (count, 2)."""
     share = (np.arange(count) - 0.5 * (rim - 1)) / (count - rim)
-    shares = np.stack([1.0 - share, share], axis=-1).astype(np.float32)
-    shares.setflags(write=False)
-    return shares
+    return freeze(np.stack([1.0 - share, share], axis=-1).astype(np.float32))
 
 
 def stand_out(profiles: Profiles, offsets: Array, beside: tuple[float, float]) -> Profiles:

@@ -76,8 +76,7 @@ def refuse_other_field(setting: Setting, scene: Scene, attempt: Attempt) -> Atte
     Right cameras of 14 real and 30 rendered rinks, courts and robots' fields have evidence of 0.17 picture widths at
     least; of 26 rendered halls of futsal and handball 0.39 at least, with 0.9 of what they put into view on the floor.
     Halls of the other sport that were calibrated 98 to 236 px off have 0.25 and half of it painted, or 0.54 on the
-    floor. Of a painted disc the straight lines
-    decide.
+    floor. Of a painted disc the straight lines decide.
     """
     template, camera, mask = setting.template, attempt.camera, attempt.mask
     if not (attempt.is_calibrated and has_leagues(template)) or camera is None or mask is None:
@@ -131,9 +130,7 @@ def _refuse_thin_paint(setting: Setting, scene: Scene, attempt: Attempt) -> Atte
 
 def _add_check(attempt: Attempt, check: Check) -> Attempt:
     """An attempt with another check, which refuses it where it fails."""
-    if check.passed or attempt.verdict is None:
-        return add_checks(attempt, check)
-    return replace(attempt, verdict=Verdict.refusal_by(check, (*attempt.verdict.checks, check)))
+    return attempt if attempt.verdict is None else replace(attempt, verdict=attempt.verdict.with_checks(check))
 
 
 def _judge_lines(scene: Scene, attempt: Attempt, template: FieldTemplate, circle: Circle) -> Attempt:

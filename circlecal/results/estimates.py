@@ -10,7 +10,7 @@ from circlecal.field.view import FieldView
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.camera_parameters import INDEX, PARAMETERS, ProjectionModel
 from circlecal.geometry.homography import scale_homography
-from circlecal.geometry.projective import Array, apply_homography
+from circlecal.geometry.projective import Array, apply_homography, freeze
 from circlecal.geometry.short_repr import ShortRepr
 from circlecal.geometry.surface import Surface
 from circlecal.observations import MarkingKey
@@ -22,18 +22,12 @@ contradicts the rest: clicks scatter by 1.5 px.
 """
 
 
-def _freeze(found: CameraFit | HomographyRegion | Camera) -> None:
+def _freeze_arrays(found: CameraFit | HomographyRegion | Camera) -> None:
     """Let nobody write into the arrays of a result."""
     for each in fields(found):
         value = getattr(found, each.name)
         if isinstance(value, np.ndarray):
-            value.setflags(write=False)
-
-
-def _read_only(values: Array) -> Array:
-    """An array that was made for whoever asks, as unchangeable as those that a result holds."""
-    values.setflags(write=False)
-    return values
+            freeze(value)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -206,7 +200,7 @@ class HomographyRegion(ShortRepr):
 
     def __post_init__(self) -> None:
         """Nobody changes an answer by its arrays."""
-        _freeze(self)
+        _freeze_arrays(self)
 
     def distance(self, H_image_field: Array) -> float:
         """Squared Mahalanobis distance of a homography (3, 3), along the ``directions`` of largest variance.
@@ -351,18 +345,18 @@ class CameraFit(ShortRepr):
 
     def __post_init__(self) -> None:
         """Nobody changes an answer by its arrays, which its view, its record and its pictures share."""
-        _freeze(self)
-        _freeze(self.camera)
+        _freeze_arrays(self)
+        _freeze_arrays(self.camera)
 
     @property
     def H_image_field(self) -> Array:
         """Of the plane tangent at the centre mark, to undistorted pixels (3, 3)."""
-        return _read_only(self.camera.homography)
+        return freeze(self.camera.homography)
 
     @property
     def H_field_image(self) -> Array:
         """From undistorted pixels to that plane (3, 3)."""
-        return _read_only(scale_homography(np.linalg.inv(self.camera.homography)))
+        return freeze(scale_homography(np.linalg.inv(self.camera.homography)))
 
     @property
     def all_residuals_px(self) -> dict[MarkingKey, float]:

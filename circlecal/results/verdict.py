@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from circlecal.checks import CHECKS, words_of_check, words_of_value
@@ -154,6 +154,12 @@ class Verdict:
         if code == "implausible_camera":
             words = f"{words} ({words_of_value(check.name, check.value, check.limit)})"
         return cls("refused", code, words, "verdict", checks)
+
+    def with_checks(self, *further: Check) -> Verdict:
+        """This verdict with further checks, refused by the first of them that failed."""
+        checks = (*self.checks, *further)
+        failed = next((check for check in further if not check.passed), None)
+        return replace(self, checks=checks) if failed is None else Verdict.refusal_by(failed, checks)
 
     @property
     def help(self) -> str | None:

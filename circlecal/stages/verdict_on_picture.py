@@ -180,9 +180,7 @@ def confirm(
     painted = verdict.check("painted_share_of_carriers")
     if painted is not None and not is_confirmed_well:
         limit *= float(np.interp(painted.value, WORN_SHARES, WORN_LIMITS))
-    check = Check.of("found_share", agreement.found_share, limit)
-    checks = (*verdict.checks, check)
-    return replace(verdict, checks=checks) if check.passed else Verdict.refusal_by(check, checks)
+    return verdict.with_checks(Check.of("found_share", agreement.found_share, limit))
 
 
 def weigh_evidence(
@@ -220,10 +218,7 @@ def weigh_evidence(
         Check.of("seam_share", ground.seam_share, MOST_OF_SEAM),
         Check.of("noise_scale", camera.noise_scale, _most_noise(template)),
     )
-    together = Check.of("contradictions", _add_up(own), MOST_TOGETHER)
-    checks = (*verdict.checks, *own, together)
-    failed = next((check for check in (*own, together) if not check.passed), None)
-    return replace(verdict, checks=checks) if failed is None else Verdict.refusal_by(failed, checks)
+    return verdict.with_checks(*own, Check.of("contradictions", _add_up(own), MOST_TOGETHER))
 
 
 def _add_up(checks: Sequence[Check]) -> float:

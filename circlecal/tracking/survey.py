@@ -132,18 +132,18 @@ def survey_clip(
     if learnt_paint is not None:
         paint, config = learnt_paint, suit_tracking(config, learnt_paint)
         look = look_through(at_first, times, config, drawn, anchors)
-    looked = LookedThrough.of(look, between, config, period_s, steps)
+    looked = LookedThrough.of(look, between, config, template, drawn, period_s, steps)
     if known is not None and is_known:
         return Venue(template.name, tuple(_learn_known(tripod, looked) for tripod in known.tripods), paint)
     if looked.is_one_view:
         return Venue(template.name, _tripods_of_one_view(look.alone, looked), paint)
-    starts = _tripods(look.alone, config, template, circle, drawn)
+    starts = _tripods(look.alone, circle, looked)
     grown: dict[str, tuple[TripodEstimate, list[HeadedFrame]]] = {}
     for start, members in starts:
         if not any(set(start.used) <= set(tripod.used) for tripod, _ in grown.values()):
             grown[start.name] = _extend_and_measure(start, members, looked)
     distinct = _keep_distinct([tripod for tripod, _ in grown.values()])
-    _note_hips([grown[tripod.name] for tripod in distinct], config, template, drawn)
+    _note_hips([grown[tripod.name] for tripod in distinct], looked)
     learnt = _keep_distinct([_learn_closely(tripod, grown[tripod.name][1], looked) for tripod in distinct])
     return Venue(template.name, tuple(_share_pitch(learnt, grown, looked)), paint)
 
@@ -189,15 +189,15 @@ class LookedThrough:
 
     @classmethod
     def of(
-        cls, look: FirstLook, pictures_at: PicturesAt, config: Config, period_s: float, steps: SurveySteps
-    ) -> LookedThrough:
+        cls, look: FirstLook, pictures_at: PicturesAt, config: Config, template: FieldTemplate, drawn: DrawnTemplate,
+        period_s: float, steps: SurveySteps,
+    ) -> LookedThrough:  # fmt: skip
         """After the first look at a clip."""
-        template, _ = field_of(config)
         times = [float(name) for name in look.pictures]
         is_one_view = len(times) > 0 and max(times) - min(times) < LEAST_STEP_S
         return cls(
-            look.with_one_surface(), pictures_at, look.surface_colour, config, template, template_curves(template),
-            period_s, is_one_view, steps,
+            look.with_one_surface(), pictures_at, look.surface_colour, config, template, drawn, period_s, is_one_view,
+            steps,
         )  # fmt: skip
 
     def prior_of(self, tripod: TripodEstimate, measured: Sequence[MeasuredFrame]) -> tuple[Array, Array]:
@@ -341,21 +341,15 @@ def _agree(known: TripodEstimate, own: TripodEstimate) -> bool:
     return bool(away @ np.linalg.solve(spread, away) <= AGREEING)
 
 
-def _note_hips(
-    found: Sequence[tuple[TripodEstimate, list[HeadedFrame]]],
-    config: Config,
-    template: FieldTemplate,
-    drawn: DrawnTemplate,
-) -> None:
+def _note_hips(found: Sequence[tuple[TripodEstimate, list[HeadedFrame]]], clip: LookedThrough) -> None:
     """Say so where a pitch seems to be a hipped roof: those who read a roof's records do not know that shape, so it is
     only taken where it is asked for.
     """
-    if config.camera.crown_shape != "auto":
+    if clip.config.camera.crown_shape != "auto":
         return
     for tripod, members in found:
-        measured = [frame.measured for frame in members]
-        mean, sd = priors_of_frames(config, template, tripod.size, measured, tripod.model.log_focal)
-        if members and may_be_hip(members, tripod, mean, sd, drawn):
+        mean, sd = clip.prior_of(tripod, [frame.measured for frame in members])
+        if members and may_be_hip(members, tripod, mean, sd, clip.drawn):
             _log.warning(
                 "%s: its pitch falls to the goal lines too: camera.crown_shape=hip fits it better", tripod.name
             )
@@ -372,11 +366,7 @@ def _keep_distinct(tripods: Sequence[TripodEstimate]) -> list[TripodEstimate]:
 
 
 def _tripods(
-    alone: Sequence[Alone],
-    config: Config,
-    template: FieldTemplate,
-    circle: Circle,
-    drawn: DrawnTemplate,
+    alone: Sequence[Alone], circle: Circle, clip: LookedThrough
 ) -> list[tuple[TripodEstimate, list[HeadedFrame]]]:
     """Tripods of frames that were calibrated alone, the one with the most frames first, and these frames."""
     least = _least_frames(alone)
@@ -389,7 +379,7 @@ def _tripods(
     for number in range(groups.max() + 1):
         members = [alone[int(k)] for k in np.flatnonzero((groups == number) & ~turned)]
         if len(members) >= _least_frames(members):
-            fit = _fit_alone(f"camera-{number + 1}", members, config, template, circle, drawn)
+            fit = _fit_alone(f"camera-{number + 1}", members, circle, clip)
             if fit is not None:
                 measured = {member.name: member.measured for member in members}
                 named = zip(fit.estimate.used, fit.heads, strict=True)
@@ -402,15 +392,9 @@ def _least_frames(frames: Sequence[Alone]) -> int:
     return 1 if any(frame.is_named for frame in frames) else LEAST_FRAMES
 
 
-def _fit_alone(
-    name: str,
-    members: Sequence[Alone],
-    config: Config,
-    template: FieldTemplate,
-    circle: Circle,
-    drawn: DrawnTemplate,
-) -> TripodFit | None:
+def _fit_alone(name: str, members: Sequence[Alone], circle: Circle, clip: LookedThrough) -> TripodFit | None:
     """The tripod of frames, without those of a false calibration; None where too few are left."""
+    config, template, drawn = clip.config, clip.template, clip.drawn
     size = members[0].fit.model.width, members[0].fit.model.height
     unit = size[0] / 1920.0
     log_focal = float(np.median([member.fit.theta[0] for member in members]))

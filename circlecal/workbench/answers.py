@@ -11,10 +11,10 @@ import numpy as np
 
 from circlecal.api.calls import calibrate_annotation
 from circlecal.config import Config
-from circlecal.field import FieldTemplate
+from circlecal.field import MEET, FieldTemplate
 from circlecal.field.view import FieldView
 from circlecal.formats.annotation import AnnotatedMarking, Annotation
-from circlecal.geometry.projective import Array, meet
+from circlecal.geometry.projective import Array
 from circlecal.observations import MarkingKey
 from circlecal.overlay.page_view import describe_view, sigma_grid
 from circlecal.overlay.quality import rate_sigma
@@ -389,11 +389,8 @@ def place_of(name: str, template: FieldTemplate) -> Array | None:
     mark = template.mark_by_name.get(name)
     if mark is not None:
         return np.asarray(mark.position, dtype=np.float64)
-    first, _, second = name.partition(" x ")
-    if first not in template.line_by_name or second not in template.line_by_name:
-        return None
-    crossing = meet(*(template.line_coordinates(template.line_by_name[part]) for part in (first, second)))
-    return None if abs(crossing[2]) < 1e-9 else np.asarray(crossing[:2] / crossing[2])
+    first, _, second = name.partition(MEET)
+    return template.meet_lines(first, second)
 
 
 def distance_to_polyline(points: Array, polyline: Array) -> Array:

@@ -75,6 +75,19 @@ def small_size(length, width, depth, wide, penalty):
 PENALTY_ARC = {"penalty_arc": (41.5, 0, 9.15)}
 SOCCER = soccer(105, 68, 16.5, 40.32, 11, 9.15, (5.5, 18.32)) | PENALTY_ARC
 INCH = 1 / 12
+HANDBALL = (
+    M,
+    {
+        "field": (40, 20),
+        "centre_circle": (0, 0, 2),
+        "halfway_line": (0, 10, 0, 10),
+        "side_line": (20, 10, 20, 10),
+        "goal_area": (20, 1.5, 6),
+        "goal_area_main": (14, 1.5, 14, 1.5),
+        "seven_metre": (13, 0.5, 13, 0.5),
+    },
+)
+
 RULES = {
     "soccer": (M, SOCCER),
     "soccer-any": (M, soccer(103, 66, 16.5, 40.32, 11, 9.15, (5.5, 18.32)) | {"penalty_arc": (40.5, 0, 9.15)}),
@@ -96,30 +109,8 @@ RULES = {
             "second_mark": (10, 0),
         },
     ),
-    "handball": (
-        M,
-        {
-            "field": (40, 20),
-            "centre_circle": (0, 0, 2),
-            "halfway_line": (0, 10, 0, 10),
-            "side_line": (20, 10, 20, 10),
-            "goal_area": (20, 1.5, 6),
-            "goal_area_main": (14, 1.5, 14, 1.5),
-            "seven_metre": (13, 0.5, 13, 0.5),
-        },
-    ),
-    "handball-any": (
-        M,
-        {
-            "field": (40, 20),
-            "centre_circle": (0, 0, 2),
-            "halfway_line": (0, 10, 0, 10),
-            "side_line": (20, 10, 20, 10),
-            "goal_area": (20, 1.5, 6),
-            "goal_area_main": (14, 1.5, 14, 1.5),
-            "seven_metre": (13, 0.5, 13, 0.5),
-        },
-    ),
+    "handball": HANDBALL,
+    "handball-any": HANDBALL,
     "ice-hockey": (
         M,
         {

@@ -139,7 +139,7 @@ def test_a_pitch_that_may_be_hip_is_noted(
     """It is not taken for one: whoever reads the records must know the shape."""
     frames = views_of_a_surface(Surface(shape, 9.15, 0.08))
     config = load_config(overrides=[f"camera.crown_shape={asked}"])
-    survey._note_hips([(tripod(), frames)], config, template(), template_curves(template()))
+    survey._note_hips([(tripod(), frames)], replace(_looked_through({}), config=config))
     assert ("camera.crown_shape=hip fits it better" in caplog.text) is is_noted
 
 
