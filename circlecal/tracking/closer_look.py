@@ -322,4 +322,5 @@ def _look_closely(place: Place, picture: LookedAt, head: Array, blur_px: Array |
     nearer = spread / 16.0
     look = place.look(picture, look.fit.head, nearer, look.fit.by_common, blur_px)
     nearest = np.asarray(np.linalg.inv(look.fit.information + np.linalg.inv(nearer)))
-    return place.look(picture, look.fit.head, nearest, look.fit.by_common, blur_px)
+    look = place.look(picture, look.fit.head, nearest, look.fit.by_common, blur_px)
+    return look if blur_px is None else replace(look, measured=look.measured.doubt_smear(blur_px))

@@ -257,8 +257,7 @@ class Place:
             How the expected head follows the common parameters; where it was found in the picture itself, as the
             markings in view make it follow, when None.
         blur_px : (2,) array, optional
-            Way of the picture while the shutter was open: smeared paint confirms a head as any does, and tells less of
-            where it is.
+            Way of the picture while the shutter was open.
         """
         tripod = self.tripod
         model = tripod.model
@@ -274,13 +273,8 @@ class Place:
         )
         away = ((measured.points_px - places.pixels[at]) * measured.normals).sum(axis=1)
         start = LinearPaint(head, away, -by_head[at], -by_tripod[at])
-        prior = np.asarray(np.linalg.inv(covariance))
-        fit = fit_head(measured, start, prior, tripod, self.drawn, by_common)
-        is_confirmed = self.is_confirmed(measured, fit)
-        if blur_px is not None and len(measured.marking) > 0:
-            measured = measured.doubt_smear(blur_px)
-            fit = fit_head(measured, start, prior, tripod, self.drawn, by_common)
-        return Look(measured, fit, is_confirmed, model.projection.center)
+        fit = fit_head(measured, start, np.asarray(np.linalg.inv(covariance)), tripod, self.drawn, by_common)
+        return Look(measured, fit, self.is_confirmed(measured, fit), model.projection.center)
 
     def follow_paint(self, head: Array, measured: MeasuredFrame) -> Array:
         """How a head (3,) that was found by its paint follows the common parameters (3, K)."""
