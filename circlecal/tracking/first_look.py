@@ -54,11 +54,14 @@ class FirstLook:
         Frames whose camera is known, with enough of their paint.
     paints : list of (float, float, float)
         What the paint adds to blue, green and red of its surface in each frame that was calibrated alone.
+    tried : set of str
+        Pictures that were to be calibrated alone, whether they could be or not.
     """
 
     pictures: dict[str, LookedAt] = field(default_factory=dict)
     alone: list[Alone] = field(default_factory=list)
     paints: list[Colour] = field(default_factory=list)
+    tried: set[str] = field(default_factory=set)
 
     def with_one_surface(self) -> dict[str, LookedAt]:
         """The pictures with the playing surface that has the colour of those that were calibrated alone."""
@@ -125,12 +128,20 @@ def look_through(
         if picture is None or name in look.pictures:
             continue
         is_wanted = len(look.alone) < ENOUGH_ALONE and not is_known
-        found = calibrate_image(picture, config, frame_id=name) if is_wanted else None
-        fit = None if found is None or found.status == "refused" else found.attempt.camera
-        if found is not None and fit is not None and found.paint_bgr is not None:
-            look.paints.append(found.paint_bgr)
+        fit = _calibrate_alone(look, name, picture, config) if is_wanted else None
         _take(look, name, picture, fit, config, template, drawn)
     return look
+
+
+def _calibrate_alone(look: FirstLook, name: str, picture: NDArray[np.uint8], config: Config) -> CameraFit | None:
+    """The camera of a picture by itself, None where it is refused; its paint is noted."""
+    look.tried.add(name)
+    found = calibrate_image(picture, config, frame_id=name)
+    if found.status == "refused" or found.attempt.camera is None:
+        return None
+    if found.paint_bgr is not None:
+        look.paints.append(found.paint_bgr)
+    return found.attempt.camera
 
 
 def _take(

@@ -33,6 +33,7 @@ from circlecal.tracking.head_path import HeadPath
 from circlecal.tracking.looking import LEAST_PLACES, Look, LookedAt, Place
 from circlecal.tracking.markings import DrawnTemplate, template_curves
 from circlecal.tracking.one_view import tripod_of_frame
+from circlecal.tracking.other_cameras import times_of_others
 from circlecal.tracking.paint_width import priors_of_frames
 from circlecal.tracking.pitch import (
     SHAPES,
@@ -58,8 +59,10 @@ SAME_PLACE_M = 0.8
 """How far apart single frames put one camera, beyond their own uncertainty: the lever arm moves the pupil so far."""
 LEAST_PICTURES = 5
 """Pictures that a short clip is looked at in at least, where it has as many."""
-LEAST_FRAMES = 2
-"""Frames that make a tripod, but of a clip that shows one view, in which a second one that agrees confirms nothing."""
+LEAST_FRAMES, LEAST_OTHERS = 2, 3
+"""Frames that make a tripod, but of a clip that shows one view, in which a second one that agrees confirms nothing; and
+those that make a further one, of pictures that the found ones do not explain: more of these are falsely calibrated.
+"""
 WORTH_SHARE = 0.25
 """Share of the worth of the best proposal's first look below which another one is not looked at again."""
 ROUNDS, LOOKS = 3, 3
@@ -83,6 +86,9 @@ SLACK = 9.0
 """How much more than its covariance says a tripod may change to meet a frame that looks elsewhere: the surface and the
 lens have other shapes than their models.
 """
+
+Grown = tuple[TripodEstimate, list[HeadedFrame]]
+"""A tripod and its frames."""
 
 
 def survey_clip(
@@ -137,11 +143,9 @@ def survey_clip(
         return Venue(template.name, tuple(_learn_known(tripod, looked) for tripod in known.tripods), paint)
     if looked.is_one_view:
         return Venue(template.name, _tripods_of_one_view(look.alone, looked), paint)
-    starts = _tripods(look.alone, circle, looked)
-    grown: dict[str, tuple[TripodEstimate, list[HeadedFrame]]] = {}
-    for start, members in starts:
-        if not any(set(start.used) <= set(tripod.used) for tripod, _ in grown.values()):
-            grown[start.name] = _extend_and_measure(start, members, looked)
+    grown = _grow(_tripods(look.alone, circle, looked), looked, {})
+    looked, others = _look_for_others(look.tried, grown, circle, looked)
+    grown = _grow(others, looked, grown)
     distinct = _keep_distinct([tripod for tripod, _ in grown.values()])
     _note_hips([grown[tripod.name] for tripod in distinct], looked)
     learnt = _keep_distinct([_learn_closely(tripod, grown[tripod.name][1], looked) for tripod in distinct])
@@ -237,7 +241,7 @@ def _learn_closely(
 
 def _share_pitch(
     learnt: Sequence[TripodEstimate],
-    grown: Mapping[str, tuple[TripodEstimate, list[HeadedFrame]]],
+    grown: Mapping[str, Grown],
     clip: LookedThrough,
 ) -> list[TripodEstimate]:
     """The tripods of a clip before one pitch: that of the surest of them is that of the others. Where it leaves a size
@@ -264,9 +268,7 @@ def _share_pitch(
     return _keep_distinct([*shared, *apart])
 
 
-def _move_to(
-    pitch: KnownPitch, tripod: TripodEstimate, members: list[HeadedFrame], clip: LookedThrough
-) -> tuple[TripodEstimate, list[HeadedFrame]]:
+def _move_to(pitch: KnownPitch, tripod: TripodEstimate, members: list[HeadedFrame], clip: LookedThrough) -> Grown:
     """A tripod and its frames before a pitch that is known: place and zoom make up for another size."""
     mean, sd = pitch.tell(*clip.prior_of(tripod, [frame.measured for frame in members]))
     fit = fit_tripod(members, pitch.take(tripod), mean, sd, clip.drawn)
@@ -334,14 +336,14 @@ def _choose_surer(known: TripodEstimate, own: TripodEstimate) -> TripodEstimate:
     return own if _agree(known, own) and surer.all() else known
 
 
-def _agree(known: TripodEstimate, own: TripodEstimate) -> bool:
-    """Whether two tripods stand in one place, as far as that is known of either."""
-    spread = known.whole_covariance[:3, :3] + own.whole_covariance[:3, :3]
+def _agree(known: TripodEstimate, own: TripodEstimate, slack_m: float = 0.0) -> bool:
+    """Whether two tripods stand in one place, as far as that is known of either, and each to so many metres."""
+    spread = known.whole_covariance[:3, :3] + own.whole_covariance[:3, :3] + slack_m**2 * np.eye(3)
     away = own.mean[:3] - known.mean[:3]
     return bool(away @ np.linalg.solve(spread, away) <= AGREEING)
 
 
-def _note_hips(found: Sequence[tuple[TripodEstimate, list[HeadedFrame]]], clip: LookedThrough) -> None:
+def _note_hips(found: Sequence[Grown], clip: LookedThrough) -> None:
     """Say so where a pitch seems to be a hipped roof: those who read a roof's records do not know that shape, so it is
     only taken where it is asked for.
     """
@@ -365,35 +367,71 @@ def _keep_distinct(tripods: Sequence[TripodEstimate]) -> list[TripodEstimate]:
     return kept
 
 
-def _tripods(
-    alone: Sequence[Alone], circle: Circle, clip: LookedThrough
-) -> list[tuple[TripodEstimate, list[HeadedFrame]]]:
-    """Tripods of frames that were calibrated alone, the one with the most frames first, and these frames."""
-    least = _least_frames(alone)
-    if len(alone) < least:
+def _look_for_others(
+    tried: set[str], grown: Mapping[str, Grown], circle: Circle, clip: LookedThrough
+) -> tuple[LookedThrough, list[Grown]]:
+    """Further tripods, of frames that those which were found do not explain and that were not tried alone; with the
+    clip and the pictures that were looked at for them.
+
+    A false calibration makes no camera: several have to agree, and more than for the first ones, which a clip was
+    taken by.
+    """
+    explained = tried.union(*(tripod.used for tripod, _ in grown.values()))
+    left = {
+        name: picture.grass_share >= LEAST_GRASS and name not in explained for name, picture in clip.pictures.items()
+    }
+    period_s = clip.period_s or LEAST_STEP_S
+    further = look_through(clip.pictures_at, times_of_others(left, period_s), clip.config, clip.drawn)
+    pictures = {name: picture.take_surface(clip.colour) for name, picture in further.pictures.items()}
+    # what was looked at within a period of a further picture, and is nobody's, may be that picture
+    shown = np.array([float(name) for name in pictures])
+    kept = {n: p for n, p in clip.pictures.items() if not left[n] or (np.abs(shown - float(n)) >= period_s).all()}
+    clip = replace(clip, pictures={**pictures, **kept})
+    others = _tripods(further.alone, circle, clip, LEAST_OTHERS)
+    known = [tripod for tripod, _ in grown.values()]
+    return clip, [other for other in others if not any(_agree(tripod, other[0], SAME_PLACE_M) for tripod in known)]
+
+
+def _grow(starts: Sequence[Grown], clip: LookedThrough, before: Mapping[str, Grown]) -> dict[str, Grown]:
+    """Tripods by their names, after those from before the further ones, each with all frames that it finds."""
+    grown = dict(before)
+    for start, members in starts:
+        if not any(set(start.used) <= set(tripod.used) for tripod, _ in grown.values()):
+            name = f"camera-{len(grown) + 1}"
+            grown[name] = _extend_and_measure(replace(start, name=name), members, clip)
+    return grown
+
+
+def _tripods(alone: Sequence[Alone], circle: Circle, clip: LookedThrough, least: int = LEAST_FRAMES) -> list[Grown]:
+    """Tripods of frames that were calibrated alone, so many at least, the one with the most frames first, and these
+    frames.
+    """
+    fewest = _least_frames(alone, least)
+    if len(alone) < fewest:
         return []
     theta = np.array([a.fit.theta for a in alone])
     covariance = np.array([a.fit.covariance for a in alone])[:, 4:7, 4:7]
-    groups, turned = group_positions(theta[:, 4:7], covariance + SAME_PLACE_M**2 * np.eye(3), least)
+    groups, turned = group_positions(theta[:, 4:7], covariance + SAME_PLACE_M**2 * np.eye(3), fewest)
     found = []
     for number in range(groups.max() + 1):
         members = [alone[int(k)] for k in np.flatnonzero((groups == number) & ~turned)]
-        if len(members) >= _least_frames(members):
-            fit = _fit_alone(f"camera-{number + 1}", members, circle, clip)
-            if fit is not None:
-                measured = {member.name: member.measured for member in members}
-                named = zip(fit.estimate.used, fit.heads, strict=True)
-                found.append((fit.estimate, [HeadedFrame(name, head, measured[name]) for name, head in named]))
+        fit = _fit_alone(members, circle, clip, least)
+        if fit is not None:
+            measured = {member.name: member.measured for member in members}
+            named = zip(fit.estimate.used, fit.heads, strict=True)
+            found.append((fit.estimate, [HeadedFrame(name, head, measured[name]) for name, head in named]))
     return found
 
 
-def _least_frames(frames: Sequence[Alone]) -> int:
+def _least_frames(frames: Sequence[Alone], least: int) -> int:
     """Frames that make a tripod: one where a person named what is seen in it."""
-    return 1 if any(frame.is_named for frame in frames) else LEAST_FRAMES
+    return 1 if any(frame.is_named for frame in frames) else least
 
 
-def _fit_alone(name: str, members: Sequence[Alone], circle: Circle, clip: LookedThrough) -> TripodFit | None:
+def _fit_alone(members: Sequence[Alone], circle: Circle, clip: LookedThrough, least: int) -> TripodFit | None:
     """The tripod of frames, without those of a false calibration; None where too few are left."""
+    if len(members) < _least_frames(members, least):
+        return None
     config, template, drawn = clip.config, clip.template, clip.drawn
     size = members[0].fit.model.width, members[0].fit.model.height
     unit = size[0] / 1920.0
@@ -401,11 +439,11 @@ def _fit_alone(name: str, members: Sequence[Alone], circle: Circle, clip: Looked
     mean, sd = priors_of_frames(config, template, size, [member.measured for member in members], log_focal)
     kept = list(members)
     left_out: list[str] = []
-    while len(kept) >= _least_frames(kept):
+    while len(kept) >= _least_frames(kept, least):
         best = None
         for shape in SHAPES if config.camera.crown_shape == "auto" else (config.camera.crown_shape,):
             theta = np.array([a.fit.theta for a in kept])
-            start = start_tripod(name, theta, size, Surface(shape, circle.radius_m, 1.0), mean, sd)
+            start = start_tripod("", theta, size, Surface(shape, circle.radius_m, 1.0), mean, sd)
             heads = start.model.own_of(theta, start.mean)[:, :3]
             frames = [HeadedFrame(a.name, head, a.measured) for a, head in zip(kept, heads, strict=True)]
             fit = fit_tripod(frames, start, mean, sd, drawn)
@@ -426,7 +464,7 @@ def _extend(
     clip: LookedThrough,
     known: TripodEstimate | None = None,
     pitch: KnownPitch | None = None,
-) -> tuple[TripodEstimate, list[HeadedFrame]]:
+) -> Grown:
     """The tripod after it has found its other frames among the pictures, and learnt from them; what is known of it from
     elsewhere stays known. And these frames.
     """
@@ -472,9 +510,7 @@ def _look_again(place: Place, picture: LookedAt, frame: HeadedFrame, blur_px: Ar
     return place.look(picture, frame.head, spread, place.follow_paint(frame.head, frame.measured), blur_px)
 
 
-def _extend_and_measure(
-    tripod: TripodEstimate, members: list[HeadedFrame], clip: LookedThrough
-) -> tuple[TripodEstimate, list[HeadedFrame]]:
+def _extend_and_measure(tripod: TripodEstimate, members: list[HeadedFrame], clip: LookedThrough) -> Grown:
     """The tripod with all its frames, before a pitch whose size was searched for where these do not tell it.
 
     The width is searched for once more at the end: a frame that is found with the length may have the touchline taken
