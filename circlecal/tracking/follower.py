@@ -67,8 +67,6 @@ GRASS_FRAMES, GRASS_WAY_PX = 10, 80.0
 """The playing surface is looked for again after so many frames while the camera is followed, and where the picture has
 moved so far since, pixels at 1920 px width.
 """
-LEAST_GRASS = 0.15
-"""Share of the picture that the playing surface covers where a search is worth it."""
 PATIENCE = 12
 """Frames in a row that contradict the camera before it is searched for again."""
 
@@ -426,7 +424,7 @@ class Follower:
             pictures.append(picture.take_other_surface())
         for seen in pictures:
             best: tuple[Place, Look] | None = None
-            for place in self._places_of(seen.size) if seen.grass_share >= LEAST_GRASS else ():
+            for place in self._places_of(seen.size) if seen.shows_surface else ():
                 known = None if self._heads is None else self._heads[entry.index]
                 look = place.find(seen) if known is None else place.confirm(seen, known.head, known.blur_px)
                 if look is not None and (best is None or look.measured.painted.sum() > best[1].measured.painted.sum()):

@@ -59,6 +59,8 @@ LARGEST_HEAD_SIGMA_PX = 3.0
 FOUND_SD_PX, FOUND_SD_ZOOM = 5.0, 0.012
 """Of a head that was just found by searching, pixels at 1920 px width and logarithm of the focal length."""
 SMALL_WIDTH_PX = 320
+LEAST_GRASS = 0.15
+"""Share of the picture that the playing surface covers where a search is worth it."""
 BESIDE_GRASS_PX = 4
 """By how much the playing surface is broader at its sides than its largest patches, pixels of 240 in a row: behind a
 halfway line near the picture's border the strip of grass is too small to count, and the line would lie beside it.
@@ -126,9 +128,9 @@ class LookedAt:
         return np.asarray(cv2.dilate(self.region.hull, np.ones((1, 2 * BESIDE_GRASS_PX + 1), np.uint8)), np.uint8)
 
     @property
-    def grass_share(self) -> float:
-        """Share of the picture that the playing surface covers."""
-        return self.region.area_share
+    def shows_surface(self) -> bool:
+        """Whether the playing surface covers enough of the picture for a search to be worth it."""
+        return self.region.area_share >= LEAST_GRASS
 
     @cached_property
     def colour(self) -> Array | None:
@@ -323,10 +325,12 @@ class Place:
         # a camera that hardly moves looks where it looked
         return np.concatenate([searched, (self.tripod.head_low + self.tripod.head_high)[None] / 2.0])
 
-    def proposal_covariance(self, head: Array) -> Array:
-        """Covariance (3, 3) of a proposed head."""
-        turn = FOUND_SD_PX * self.unit / np.exp(head[0])
-        return np.diag(np.array([FOUND_SD_ZOOM, turn, turn]) ** 2)
+    def proposal_covariance(self, head: Array, sd_px: float = FOUND_SD_PX, sd_zoom: float = FOUND_SD_ZOOM) -> Array:
+        """Covariance (3, 3) of a proposed head, by standard deviations in pixels at 1920 px width and of the logarithm
+        of the focal length.
+        """
+        turn = sd_px * self.unit / np.exp(head[0])
+        return np.diag(np.array([sd_zoom, turn, turn]) ** 2)
 
     def confirm(self, picture: LookedAt, head: Array, blur_px: Array | None = None) -> Look | None:
         """Look where the head should be, in a picture that moved so far (2,) while the shutter was open; None where the

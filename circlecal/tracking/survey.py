@@ -73,8 +73,6 @@ the focal length.
 """
 STAYING_SHARE = 0.8
 """Share of its frames that a tripod must find again before the pitch of another one of its clip."""
-LEAST_GRASS = 0.15
-"""Share of the picture that the playing surface covers where a search is worth it."""
 AGREEING = 16.3
 """Chi-square of three degrees of freedom that one of a thousand exceeds."""
 AGREEING_IN_ALL = 40.8
@@ -377,9 +375,7 @@ def _look_for_others(
     taken by.
     """
     explained = tried.union(*(tripod.used for tripod, _ in grown.values()))
-    left = {
-        name: picture.grass_share >= LEAST_GRASS and name not in explained for name, picture in clip.pictures.items()
-    }
+    left = {name: picture.shows_surface and name not in explained for name, picture in clip.pictures.items()}
     period_s = clip.period_s or LEAST_STEP_S
     further = look_through(clip.pictures_at, times_of_others(left, period_s), clip.config, clip.drawn)
     pictures = {name: picture.take_surface(clip.colour) for name, picture in further.pictures.items()}
@@ -470,7 +466,7 @@ def _extend(
     """
     template = clip.template
     mean, sd = clip.prior_of(tripod, [])
-    sizes = {n: p for n, p in clip.pictures.items() if p.size == tripod.size and p.grass_share >= LEAST_GRASS}
+    sizes = {n: p for n, p in clip.pictures.items() if p.size == tripod.size and p.shows_surface}
     for _ in range(ROUNDS):
         place = Place.of(tripod, template)
         frames = []
@@ -505,8 +501,7 @@ def _look_again(place: Place, picture: LookedAt, frame: HeadedFrame, blur_px: Ar
     of unknown width, which it does not show, leaves nothing else open. The way (2,) of the picture while the shutter
     was open is that between its neighbours.
     """
-    turn = FOUND_SD_PX * place.unit / float(np.exp(place.tripod.head_low[0]))
-    spread = np.diag(np.array([FOUND_SD_ZOOM, turn, turn]) ** 2)
+    spread = place.proposal_covariance(place.tripod.head_low, FOUND_SD_PX, FOUND_SD_ZOOM)
     return place.look(picture, frame.head, spread, place.follow_paint(frame.head, frame.measured), blur_px)
 
 

@@ -124,7 +124,7 @@ def test_a_tripod_stays_as_it_was_where_its_frames_show_no_paint_any_more(monkey
     bare = MeasuredFrame.unseen(members[0].measured.expected)
     look = SimpleNamespace(measured=bare, is_confirmed=False, fit=SimpleNamespace(head=HEAD))
     monkeypatch.setattr(survey, "_look_again", lambda *_: look)
-    pictures = {frame.name: SimpleNamespace(size=SIZE, grass_share=1.0) for frame in members}
+    pictures = {frame.name: SimpleNamespace(size=SIZE, shows_surface=True) for frame in members}
     known = tripod()
     found, kept = survey._extend(known, members, _looked_through(pictures))
     assert (found, kept) == (known, members)
