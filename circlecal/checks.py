@@ -335,6 +335,11 @@ CHECKS: dict[str, Gate] = {
     "other_field_ratio": Gate(
         "other_field", "how many times more speaks for the likeliest other league's or sport's field than for this one"
     ),
+    "other_field_agreement": Gate(
+        "other_field",
+        "how many times more markings, the nearer the more, lie where another field has them that covers about as "
+        "much of the paint",
+    ),
     "missing_markings": Gate(
         "paint_missing", "of a tracked frame: markings that should be in view and are not painted"
     ),

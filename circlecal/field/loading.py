@@ -17,7 +17,7 @@ from circlecal.field.template import FieldTemplate, evaluate_size
 from circlecal.files import is_file, open_regular
 from circlecal.yaml_text import YamlError, config_folder, config_names, find_config, read_yaml
 
-FACTS_OF_SPORT = ("sport", "ground", "config", "polarity")
+FACTS_OF_SPORT = ("sport", "ground", "config", "polarity", "has_leagues")
 """Keys that all templates of one sport share. A template of a user's that leaves some of them out has those of its
 relative.
 """

@@ -210,6 +210,11 @@ class FieldTemplate(BaseModel):
     polarity: Literal["light", "dark", "any"] = Field(
         "light", description="Whether the markings are lighter or darker than the surface; what is tried first."
     )
+    has_leagues: bool = Field(
+        True,
+        description="Whether the size of the circle tells how large what is seen is, so that other sizes are other "
+        "fields. false: circles of several sizes, about which any length and width may lie.",
+    )
     sizes: dict[str, float] = Field(
         description="Named sizes in metres that the elements are computed from; each can be set by the user."
     )

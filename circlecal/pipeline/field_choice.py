@@ -24,7 +24,6 @@ from circlecal.pipeline.field_paint import look_for_paint, recall_evidence
 from circlecal.pipeline.fields import field_of
 from circlecal.pipeline.leagues import may_be_league
 from circlecal.pipeline.likely_sport import Trial, shows_rink_paint, tell_sport
-from circlecal.pipeline.other_fields import has_leagues
 from circlecal.pipeline.placed_field import EXPLAINED_EVIDENCE as PLACED_EVIDENCE
 from circlecal.pipeline.placed_field import EXPLAINED_SHARE as PLACED_SHARE
 from circlecal.pipeline.run import run
@@ -158,7 +157,7 @@ def _try_others(
                 continue
             is_brief = suit_config(config, name).field.any_circle if leagues else _is_seen(answers[1:])
             answer = _weigh(scene, config, calibrate(name, is_brief=is_brief))
-            answer = replace(answer, is_scale_told=has_leagues(template) or _tells_scale(answer.found))
+            answer = replace(answer, is_scale_told=template.has_leagues or _tells_scale(answer.found))
             is_doubtful = grounds[0] == "ice" and template.ground != "ice"
             answers.append(replace(answer, least_explained=EXPLAINED_ON_ICE) if is_doubtful else answer)
         if any(answer.weight > 0.0 for answer in answers[1:]):

@@ -15,6 +15,7 @@ from circlecal.geometry.projective import Array
 from circlecal.pipeline.field_paint import look_for_paint, recall_evidence
 from circlecal.pipeline.setting import Looks, Scene
 from circlecal.placement import (
+    LaidField,
     RoughPlacements,
     SeenPaint,
     ViewEvidence,
@@ -119,7 +120,8 @@ def _lay_over_camera(
     if circle is None:
         return []
     key = ("laid over", found.field_name, template.name)
-    return scene.looks.once(key, lambda: lay_over_attempt(found.attempt, tried, circle, paint, (template,)) or [])
+    laid = scene.looks.once(key, lambda: lay_over_attempt(found.attempt, tried, circle, paint, (template,)))
+    return [one.seen for one in laid]
 
 
 def _look_for_own_paint(scene: Scene, config: Config, found: FrameCalibration) -> SeenPaint | None:
@@ -138,8 +140,8 @@ def _lay_best(rough: RoughPlacements, paint: SeenPaint, size: tuple[int, int], t
 
 def lay_over_attempt(
     attempt: Attempt, template: FieldTemplate, circle: Circle, paint: SeenPaint, others: Sequence[FieldTemplate]
-) -> list[ViewEvidence] | None:
-    """What speaks for each of several fields that are laid where an attempt has one, and moved onto the paint.
+) -> list[LaidField]:
+    """Several fields that are laid where an attempt has one, and moved onto the paint.
 
     Parameters
     ----------
@@ -154,16 +156,17 @@ def lay_over_attempt(
 
     Returns
     -------
-    list of ViewEvidence or None
-        None without a camera, or where the picture shows nothing of the circle.
+    list of LaidField
+        One for each; empty without a camera, or where the picture shows nothing of the circle.
     """
     camera, mask = attempt.camera, attempt.mask
     if camera is None or mask is None:
-        return None
+        return []
     conic = mask.conic if mask.conic is not None else _draw_conic(camera, circle, template)
     if conic is None:
-        return None
-    return [lay_over_view(camera.view, circle, conic, template, other, paint) for other in others]
+        return []
+    laid = (lay_over_view(camera.view, circle, conic, template, other, paint) for other in others)
+    return [one for one in laid if one is not None]
 
 
 def _draw_conic(camera: CameraFit, circle: Circle, template: FieldTemplate) -> Array | None:

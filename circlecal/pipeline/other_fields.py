@@ -15,12 +15,13 @@ import numpy as np
 
 from circlecal.config import TOLD_APART
 from circlecal.field import Circle, FieldTemplate, field_names, load_field
+from circlecal.pipeline.agreement import count_agreeing, measure_agreement
 from circlecal.pipeline.attempts import add_checks, refuse_as_open
 from circlecal.pipeline.field_paint import look_for_paint
-from circlecal.pipeline.leagues import lay_over_attempt, weigh
+from circlecal.pipeline.leagues import LEAGUE_SHARE, lay_over_attempt, weigh
 from circlecal.pipeline.placed_view import FEWEST_CARRYING, SURFACE_SHARE, count_carrying, lie_about_alike
 from circlecal.pipeline.setting import Scene, Setting, lighten_markings
-from circlecal.placement import SeenPaint, ViewEvidence, weigh_view
+from circlecal.placement import LaidField, SeenPaint, ViewEvidence, weigh_view
 from circlecal.results import Attempt, Check, Verdict
 from circlecal.stages.confirm import look_for_markings
 from circlecal.stages.evidence import bound_paint_width
@@ -36,9 +37,21 @@ MORE_FOUND = 1.05
 leaves fewer of them bare, also where a laboratory paints no more than the circle and the line, which both explain alike
 (1.00 on a real robots' field); right leagues show 1.09 to 1.3 times as much as wrong ones.
 """
+AGREEMENT_RATIO = 1.3
+"""How many times more markings, the nearer the more, may lie where another field has them: on rendered rinks that the
+paint alone does not tell apart the right league has 1.5 to 3 times as many as the wrong one (four of them), the wrong
+one 0.96 to 1.01 times as many as the right one (five); with one circle and a line in view both have as many. The
+right one is carried by five markings at least there; three that fit another league by chance decided against a rink
+whose own camera was 23 px off.
+"""
 LEAST_EVIDENCE, LEAST_SHARE = 0.3, 0.55
 """Evidence, picture widths, and share of its markings in view that are painted, without which no other field is
 believed: as of a field that is laid over the picture.
+"""
+OF_ANY_SCALE, LONG_BARE_WIDTHS = 2, 0.12
+"""Markings that carry a camera, circle and halfway line, which are those of a field at any scale; and length in view of
+another one that is bare, picture widths, which then contradicts the scale: a rendered handball court that was named
+futsal was 111 px off with 0.23 of a touchline bare; where nothing else carries right cameras of halls it is 0.
 """
 SURE_SHARE = 0.8
 """Share of its markings in view that are painted from which on another field is named: right names of eight rendered
@@ -63,8 +76,6 @@ LEAST_LINES_FOUND, THINNEST_LINE = 0.62, 0.05
 houses of curling from behind and from beside, with cameras within 3 px, have 0.84 to 0.94; two that were put on the
 other side of the house, where its tee line and centre line lie too, but neither the back line nor the hog line, 0.4.
 """
-OF_ANY_SCALE = ("soccer",)
-"""Sports whose circles have several sizes on fields of any size."""
 NOTHING = 0.01
 """Evidence that counts as none, picture widths: no ratio is larger than a hundred times that of another field."""
 
@@ -79,7 +90,7 @@ def refuse_other_field(setting: Setting, scene: Scene, attempt: Attempt) -> Atte
     floor. Of a painted disc the straight lines decide.
     """
     template, camera, mask = setting.template, attempt.camera, attempt.mask
-    if not (attempt.is_calibrated and has_leagues(template)) or camera is None or mask is None:
+    if not (attempt.is_calibrated and template.has_leagues) or camera is None or mask is None:
         return attempt
     if mask.source != "detector":
         return attempt
@@ -98,21 +109,65 @@ def refuse_other_field(setting: Setting, scene: Scene, attempt: Attempt) -> Atte
             return attempt
         others = list(_find_others(template, is_sport_told=count_carrying(attempt) > FEWEST_CARRYING))
         laid = lay_over_attempt(attempt, template, circle, paint, (template, *others))
-        if laid is None:
+        if not laid:
             return attempt
-        own = max(seen_there, laid[0], key=weigh)
-        rivals = {other.name: seen for other, seen in zip(others, laid[1:], strict=True)}
+        own = max(seen_there, laid[0].seen, key=weigh)
+        rivals = {other.name: one for other, one in zip(others, laid[1:], strict=True)}
         if own.explained_share < FULL_SHARE:
             rivals = _lay_about_others(attempt, template, circle, paint, rivals)
-    believed = {name: weigh(seen) for name, seen in rivals.items() if _is_believed(seen, own)}
+        attempt = _compare_paint(attempt, template, own, rivals)
+        return _compare_places(setting, scene, attempt, own, laid[0], rivals) if attempt.is_calibrated else attempt
+
+
+def _compare_paint(
+    attempt: Attempt, template: FieldTemplate, own: ViewEvidence, rivals: Mapping[str, LaidField]
+) -> Attempt:
+    """The attempt, refused where more of what another field puts into view is painted."""
+    believed = {name: weigh(laid.seen) for name, laid in rivals.items() if _is_believed(laid.seen, own)}
     best = max(believed, key=lambda name: believed[name], default=None)
     ratio = 0.0 if best is None else believed[best] / max(weigh(own), NOTHING)
     check = Check.of("other_field_ratio", ratio, FIELD_RATIO)
     attempt = add_checks(attempt, check)
-    if check.passed or best is None or attempt.verdict is None:
+    if check.passed or best is None:
         return attempt
-    likely = best if rivals[best].found_share >= SURE_SHARE else "another field"
+    likely = best if rivals[best].seen.found_share >= SURE_SHARE else "another field"
     reason = f"the picture looks like {likely}: its markings are painted, and those of {template.name} are not"
+    return _refuse(attempt, reason)
+
+
+def _compare_places(
+    setting: Setting,
+    scene: Scene,
+    attempt: Attempt,
+    own: ViewEvidence,
+    laid: LaidField,
+    rivals: Mapping[str, LaidField],
+) -> Attempt:
+    """The attempt, refused where the paint lies clearly nearer to the places of another field that covers about as much
+    of it: each marking is measured anew where either field has it.
+    """
+    alike = [name for name, rival in rivals.items() if weigh(rival.seen) >= LEAGUE_SHARE * weigh(own)]
+    if not alike or attempt.camera is None:
+        return attempt
+    agreements = {
+        name: measure_agreement(
+            replace(setting, template=load_field(name)),
+            scene,
+            attempt,
+            rivals[name].circle,
+            rivals[name].view,
+            FEWEST_CARRYING + 1,
+        )
+        for name in alike
+    }
+    of_own = measure_agreement(setting, scene, attempt, laid.circle, laid.view)
+    best = max(agreements, key=lambda name: agreements[name])
+    ratio = agreements[best] / max(of_own, count_agreeing(attempt.camera), NOTHING)
+    check = Check.of("other_field_agreement", ratio, AGREEMENT_RATIO)
+    attempt = add_checks(attempt, check)
+    if check.passed:
+        return attempt
+    reason = f"the picture looks like {best}: its markings lie where that field has them, not {setting.template.name}"
     return _refuse(attempt, reason)
 
 
@@ -153,24 +208,19 @@ def _judge_lines(scene: Scene, attempt: Attempt, template: FieldTemplate, circle
 
 def _judge_alone(setting: Setting, attempt: Attempt, seen: ViewEvidence) -> Attempt:
     """The attempt, refused where what its camera puts into view is not painted. In a hall, where the camera lies about
-    the only circle of the field, also where much of that lies beside the floor, and where hardly more is painted than
-    is not and most of the paint is no marking.
+    the only circle of the field, also where much of that lies beside the floor, where hardly more is painted than is
+    not and most of the paint is no marking, and where nothing but circle and halfway line carries it and a line that
+    would tell the scale is not painted.
     """
     field = setting.config.field
     if not field.all_markings:
         return attempt
     is_alone = setting.template.ground in FLOORS and not field.any_circle
     is_poor = seen.evidence < LEAST_EVIDENCE and seen.found_share < LEAST_SHARE and seen.explained_share < FULL_SHARE
-    if seen.evidence < 0.0 or (is_alone and is_poor):
+    is_bare = count_carrying(attempt) <= OF_ANY_SCALE and seen.bare_widths >= LONG_BARE_WIDTHS
+    if seen.evidence < 0.0 or (is_alone and (is_poor or is_bare)):
         return refuse_as_open(attempt, "markings_missing")
     return _add_check(attempt, Check.of("surface_share", seen.surface_share, SURFACE_SHARE)) if is_alone else attempt
-
-
-def has_leagues(template: FieldTemplate) -> bool:
-    """Whether the circle of the template's sport tells how large what is seen is, so that other sizes are other fields:
-    pitches of soccer have circles of several sizes about which any length and width may lie.
-    """
-    return template.sport_name not in OF_ANY_SCALE
 
 
 def _refuse(attempt: Attempt, reason: str) -> Attempt:
@@ -184,7 +234,7 @@ def _find_others(template: FieldTemplate, *, is_sport_told: bool) -> Iterator[Fi
     """
     for name in field_names():
         other = load_field(name)
-        if name == template.name or not has_leagues(other):
+        if name == template.name or not other.has_leagues:
             continue
         is_on_ground = other.ground == template.ground or "any" in (other.ground, template.ground)
         if other.sport == template.sport or (not is_sport_told and name in TOLD_APART and is_on_ground):
@@ -200,16 +250,16 @@ def _find_circle(setting: Setting, attempt: Attempt) -> Circle | None:
 
 
 def _lay_about_others(
-    attempt: Attempt, template: FieldTemplate, circle: Circle, paint: SeenPaint, rivals: Mapping[str, ViewEvidence]
-) -> dict[str, ViewEvidence]:
-    """What speaks most for each of several other fields, by name, where the circle that was seen is any of its size and
-    colour; ``rivals`` is what speaks for them about the circle that the attempt takes it for.
+    attempt: Attempt, template: FieldTemplate, circle: Circle, paint: SeenPaint, rivals: Mapping[str, LaidField]
+) -> dict[str, LaidField]:
+    """Each of several other fields, by name, where most speaks for it with the circle that was seen as any of its size
+    and colour; ``rivals`` lie about the circle that the attempt takes it for.
     """
     camera, best, others = attempt.camera, dict(rivals), [load_field(name) for name in rivals]
     for alike, moved in () if camera is None else lie_about_alike(camera, circle, template.round_ones):
         laid = lay_over_attempt(replace(attempt, camera=moved), template, alike, paint, others)
-        for name, seen in zip(rivals, laid or (), strict=laid is not None):
-            best[name] = max(best[name], seen, key=weigh)
+        for name, one in zip(rivals, laid, strict=bool(laid)):
+            best[name] = max(best[name], one, key=lambda laid: weigh(laid.seen))
     return best
 
 

@@ -97,7 +97,7 @@ def follow_placement(setting: Setting, scene: Scene, mask: MarkingMask, placed: 
             attempt = replace(attempt, edges=detect_edges(picture, mask, setting.config.edges))
     except EstimationError:
         return None
-    settled = _settle_view(told, scene, picture, attempt, placed.view)
+    settled = settle_view(told, scene, picture, attempt, placed.view)
     if settled is None or settled.camera is None:
         return None
     attempt = settled
@@ -124,7 +124,7 @@ def _draws_circle(setting: Setting, camera: CameraFit, placed: PlacedField) -> b
     return nearest_px <= LARGEST_RESIDUAL_PX * setting.width / 1920.0
 
 
-def _settle_view(
+def settle_view(
     setting: Setting, scene: Scene, picture: NDArray[np.uint8], attempt: Attempt, view: FieldView
 ) -> Attempt | None:
     """The attempt with every marking measured where a view puts it, and again where the camera that follows does; None
@@ -298,7 +298,7 @@ def take_in_markings(setting: Setting, scene: Scene, attempt: Attempt) -> Iterat
     if attempt.mask is None or attempt.camera is None or attempt.verdict is None:
         return
     picture = lighten_markings(scene.marked, attempt.mask, setting.circle)
-    fuller = _settle_view(setting, scene, picture, attempt, attempt.camera.view)
+    fuller = settle_view(setting, scene, picture, attempt, attempt.camera.view)
     if fuller is None or not lies_on_surface(setting, fuller):
         return
     if not attempt.is_calibrated:

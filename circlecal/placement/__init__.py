@@ -20,6 +20,7 @@ from circlecal.placement.paint_maps import (
     see_surface,
 )
 from circlecal.placement.search import (
+    LaidField,
     PlacedField,
     RoughPlacements,
     lay_over_view,
@@ -28,6 +29,7 @@ from circlecal.placement.search import (
 )
 
 __all__ = [
+    "LaidField",
     "Outlines",
     "PlacedField",
     "RoughPlacements",

@@ -86,6 +86,25 @@ class RoughPlacements:
     cameras: CameraBatch
 
 
+@dataclass(frozen=True, slots=True)
+class LaidField:
+    """A field that was laid where another one was seen, and moved onto the paint.
+
+    Attributes
+    ----------
+    circle : Circle
+        Its circle or arc that is taken for the seen one.
+    view : FieldView
+        Where the full picture shows the field.
+    seen : ViewEvidence
+        What speaks for it.
+    """
+
+    circle: Circle
+    view: FieldView
+    seen: ViewEvidence
+
+
 def search_placements(
     paint: SeenPaint, size: tuple[int, int], template: FieldTemplate, side: str
 ) -> RoughPlacements | None:
@@ -159,8 +178,8 @@ def refine_placements(
 
 def lay_over_view(
     view: FieldView, circle: Circle, conic: Array, template: FieldTemplate, other: FieldTemplate, paint: SeenPaint
-) -> ViewEvidence:
-    """What speaks for a field that is laid where a view has another one, and moved onto the paint.
+) -> LaidField | None:
+    """A field that is laid where a view has another one, and moved onto the paint.
 
     Parameters
     ----------
@@ -175,17 +194,18 @@ def lay_over_view(
 
     Returns
     -------
-    ViewEvidence
-        Nothing where the view has no camera.
+    LaidField or None
+        None where the view has no camera.
     """
     maps, outlines = paint.maps, Outlines.of(other).suit(paint.maps)
     camera = CameraBatch.of_view(view, template.round_ones.index(circle), maps.scaling)
     if camera is None:
-        return ViewEvidence(0.0, 0.0, 0.0)
+        return None
     camera = camera if other is template else camera.suit(template, other)
     reaches = maps.width * np.geomspace(MIDDLE_SHARE, FINE_SHARE, ROUNDS)
     laid = fit_cameras(camera, [maps.scaling.reduce_conic(conic)], outlines, maps, reaches)
-    return weigh_view(laid.view(0, (view.camera.width, view.camera.height), maps.scaling.factor), other, paint)
+    there = laid.view(0, (view.camera.width, view.camera.height), maps.scaling.factor)
+    return LaidField(other.round_ones[laid.own[0]], there, weigh_view(there, other, paint))
 
 
 def _weigh_cameras(

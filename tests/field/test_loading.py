@@ -57,8 +57,8 @@ def test_a_sport_that_nobody_knows_has_no_relative(tmp_path):
     own["default_circle"] = f"own_{own['default_circle']}"
     template = load_field(_write(tmp_path, own))
     assert find_relative(template) is None
-    assert _facts(template) == (None, "any", None, "light")
-    assert _facts(load_field(_write(tmp_path, _content("soccer"), sport="tag"))) == ("tag", "any", None, "light")
+    assert _facts(template) == (None, "any", None, "light", True)
+    assert _facts(load_field(_write(tmp_path, _content("soccer"), sport="tag"))) == ("tag", "any", None, "light", True)
 
 
 def test_the_configuration_of_the_relative_is_taken(tmp_path):

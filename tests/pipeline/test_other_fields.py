@@ -13,8 +13,8 @@ from circlecal.field.view import FieldView
 from circlecal.geometry.surface import FLAT
 from circlecal.observations import MarkingKey
 from circlecal.pipeline import calibrate_image, other_fields
-from circlecal.pipeline.other_fields import FIELD_RATIO, has_leagues, refuse_other_field
-from circlecal.placement import Outlines, SeenPaint, SurfaceRidges, ViewEvidence, lay_over_view
+from circlecal.pipeline.other_fields import AGREEMENT_RATIO, FIELD_RATIO, refuse_other_field
+from circlecal.placement import LaidField, Outlines, SeenPaint, SurfaceRidges, ViewEvidence, lay_over_view
 from circlecal.placement.paint_maps import _map_ridges
 from circlecal.results import Agreement
 from circlecal.synthetic.cameras import aim_camera
@@ -64,6 +64,18 @@ def test_the_league_that_was_named_is_calibrated(judged):
         assert verdict.check("other_field_ratio").value < 1.0
 
 
+def test_a_rink_of_another_league_is_told_by_the_places_of_its_markings():
+    """Both leagues' rinks cover the same paint; this one was calibrated 93 px off. With each marking
+    measured anew seven carry the right league's camera, and four the other one's.
+    """
+    picture = render_frame("rink", np.random.default_rng(8), 1280, 720, load_field("ice-hockey")).image
+    found = calibrate_image(picture, load_config(None, {"field.template": "ice-hockey-nhl"}), frame_id="rink")
+    assert (found.status, found.verdict.code) == ("refused", "other_field")
+    assert found.verdict.check("other_field_ratio").passed
+    assert found.verdict.check("other_field_agreement").value > 1.1 * AGREEMENT_RATIO
+    assert "looks like ice-hockey: its markings lie where" in found.verdict.reason
+
+
 @pytest.mark.parametrize(("seed", "named"), [((SOCCER_SEED, 77, 1), "handball"), ((SOCCER_SEED, 77, 6), "futsal")])
 def test_a_pitch_of_soccer_is_no_court_since_its_lines_would_be_too_thin(seed, named):
     """Circle, halfway line and touchline look like those of a court of a third of the size: such answers were 900 px
@@ -110,7 +122,7 @@ def test_a_hall_of_another_size_is_measured(name, seed):
 def test_a_hall_lies_on_the_floor_and_most_of_it_is_painted(seen, code, monkeypatch):
     """What halls of futsal showed that were named handball, 236 and 100 px off, and what right ones show at least."""
     monkeypatch.setattr(other_fields, "weigh_view", lambda view, template, paint: seen)
-    monkeypatch.setattr(other_fields, "lay_over_attempt", lambda *_: None)
+    monkeypatch.setattr(other_fields, "lay_over_attempt", lambda *_: [])
     picture = render_frame("wood", np.random.default_rng(1000), 960, 540, load_field("futsal")).image
     found = calibrate_image(picture, load_config(None, {"field.template": "futsal"}), frame_id="hall")
     assert found.verdict.code == code
@@ -122,12 +134,25 @@ def test_another_field_is_named_only_where_most_of_it_is_painted(found_share, to
     monkeypatch.setattr(other_fields, "weigh_view", lambda view, template, paint: own)
 
     def lay(attempt, template, circle, paint, others):
-        return [rival if other.name == "basketball-ncaa" else own for other in others]
+        seen = [rival if other.name == "basketball-ncaa" else own for other in others]
+        return [LaidField(circle, attempt.camera.view, one) for one in seen]
 
     monkeypatch.setattr(other_fields, "lay_over_attempt", lay)
     found = calibrate_court("basketball-nba", 4)
     assert found.verdict.code == "other_field"
     assert f"looks like {told}: " in found.verdict.reason
+
+
+def test_a_hall_whose_touchlines_are_bare_has_another_scale():
+    """Circle and halfway line of a handball court carried a camera of a futsal court, 111 px off, whose touchlines were
+    in view and not painted; under its own name nothing that is in view is bare.
+    """
+    picture = render_frame("wood", np.random.default_rng(1), 960, 540, load_field("handball")).image
+    codes = [
+        calibrate_image(picture, load_config(None, {"field.template": name}), frame_id="hall").verdict.code
+        for name in ("futsal", "handball")
+    ]
+    assert codes == ["markings_missing", None]
 
 
 def render_house():
@@ -182,7 +207,7 @@ def test_a_touchline_that_the_halfway_line_ends_beside_carries_no_camera():
     ],
 )
 def test_sizes_that_vary_within_the_rules_make_no_league(name, expected):
-    assert has_leagues(load_field(name)) is expected
+    assert load_field(name).has_leagues is expected
 
 
 def test_a_field_with_colours_is_laid_over_paint_of_which_none_is_told():
@@ -197,8 +222,8 @@ def test_a_field_with_colours_is_laid_over_paint_of_which_none_is_told():
     camera = aim_camera(np.array([0.0, 20.0, -8.0]), np.zeros(3), 500.0, 0.0, columns, rows)
     assert Outlines.of(rink).has_colours
     conic = np.diag([1.0 / 60.0**2, 1.0 / 25.0**2, -1.0])
-    seen = lay_over_view(FieldView(camera), futsal.circles[0], conic, futsal, rink, paint)
-    assert np.isfinite(seen.evidence)
+    laid = lay_over_view(FieldView(camera), futsal.circles[0], conic, futsal, rink, paint)
+    assert np.isfinite(laid.seen.evidence)
 
 
 def test_a_camera_whose_markings_are_bare_is_refused_where_no_other_field_is_laid(judged, monkeypatch):
@@ -223,7 +248,7 @@ def test_where_much_paint_is_unexplained_other_fields_are_laid_about_every_circl
 
     def lay(attempt, template, circle, paint, others):
         about.append((circle.name, tuple(attempt.camera.camera.position_m[:2] - circle.center)))
-        return [own if len(about) == 1 else right for _ in others]
+        return [LaidField(circle, attempt.camera.view, own if len(about) == 1 else right) for _ in others]
 
     monkeypatch.setattr(other_fields, "weigh_view", lambda view, template, paint: own)
     monkeypatch.setattr(other_fields, "lay_over_attempt", lay)

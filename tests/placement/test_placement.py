@@ -528,7 +528,7 @@ def test_a_circle_with_its_line_takes_in_all_other_markings(monkeypatch):
     stripe = np.zeros_like(ground)
     stripe[5 * size[1] // 12 : 7 * size[1] // 12] = True
     with monkeypatch.context() as patch:
-        patch.setattr(placed_view, "_settle_view", lambda *given: replace(fuller, mask=given[3].mask))
+        patch.setattr(placed_view, "settle_view", lambda *given: replace(fuller, mask=given[3].mask))
         assert placed_view.ALL_MARKINGS.try_out(setting, scene, first) is not None
         beside = replace(first, mask=replace(mask, field_region=stripe))
         assert placed_view.ALL_MARKINGS.try_out(setting, scene, beside) is None

@@ -199,6 +199,7 @@ def test_a_good_camera_is_accepted_with_every_check():
         "surface_share",
         "painted_width_m",
         "other_field_ratio",
+        "other_field_agreement",
         "beyond_rules_m",
         "crown_m",
         "arc_deg",
