@@ -17,6 +17,7 @@ from circlecal.cli.plain_flags import INPUT, OUTPUT, RUNNING
 if TYPE_CHECKING:
     from circlecal.config import Config
     from circlecal.workbench.frames import RunFacts
+    from circlecal.workbench.session import Session
 
 
 def annotate(
@@ -77,7 +78,7 @@ def annotate(
         from circlecal.workbench.server import serve
     except ModuleNotFoundError as error:
         raise MissingExtraError(error.name or "starlette", "annotate") from error
-    from circlecal.files import exists, is_folder
+    from circlecal.files import prepare_folder
     from circlecal.formats.annotation import ANNOTATION_FOLDER
     from circlecal.report.pages import tell_workbench
     from circlecal.workbench.frames import UNPACKED_FOLDER, find_venue, is_run, list_frames, take_part, unpack_inputs
@@ -106,18 +107,22 @@ def annotate(
     chosen = _suit_runs(runs, field, choose, knows_venue=of_run is not None, quiet=quiet)
     sampling = Sampling.parse(every or DEFAULT_EVERY, dashes="--")
     folder = out or (runs[0] / ANNOTATION_FOLDER if runs else Path("circlecal-annotations"))
-    if exists(folder) and not is_folder(folder):
-        raise InputError(f"{folder}: is a file, not a folder; choose another --out")
-    given = unpack_inputs(inputs, folder / UNPACKED_FOLDER, (lambda note: None) if quiet else console.print_note)
+    tell = (lambda note: None) if quiet else console.print_note
+    given, annotated = unpack_inputs(inputs, folder / UNPACKED_FOLDER, tell)
+    if not given:
+        raise InputError(f"{annotated[0]}: holds annotations and no pictures; give their pictures too")
     frames = take_part(list_frames(given, sampling, chosen.limits), part)
+    prepare_folder(folder)
     session = Session(frames, AnnotationStore(folder), chosen)
+    for archive in annotated:
+        _import_annotations(session, archive, tell)
 
     if frame is not None and all(frame != listed.file.id for listed in frames):
         raise InputError(f"--frame {frame}: no such frame among the {len(frames)} that were given")
 
     served: list[str] = []
 
-    def tell(address: str) -> None:
+    def tell_address(address: str) -> None:
         served.append(address)
         for run in runs:
             try:
@@ -134,11 +139,27 @@ def annotate(
             typer.launch(address)
 
     try:
-        serve(session, port, tell, part)
+        serve(session, port, tell_address, part)
     finally:
         for run, address in product(runs, served):
             with contextlib.suppress(InputError):  # it was told before that it cannot be written
                 tell_workbench(run, None, address)
+
+
+def _import_annotations(session: Session, archive: Path, tell: Callable[[str], None]) -> None:
+    """Take the annotations in a ZIP into the frames that nobody annotated yet, and say what became of them."""
+    from circlecal.errors import InputError
+
+    try:
+        told = session.take_archive(archive)
+    except InputError as error:  # its pictures are shown all the same
+        tell(f"{error}; nothing is imported from {archive}")
+        return
+    for warning in told.warnings:
+        tell(warning)
+    left = [f"{told.unknown} in it are of no frame here"] * bool(told.unknown)
+    left += [f"{told.kept} here are annotated already and stay (drop the ZIP on the page to replace)"] * bool(told.kept)
+    tell("; ".join([f"{archive}: {told.taken} annotations imported", *left]))
 
 
 def _suit_runs(

@@ -128,7 +128,7 @@ def parse_annotations(found: Format, content: Content, size: Size | None) -> lis
     """Frames of an annotation file that is open already; parameters and errors as :func:`read_annotations`."""
     if not isinstance(found, AnnotationFormat):
         what = f"{found.name} {found.kind}"
-        raise InputError(f"{content.path}: is a {what}, not an annotation; nothing to calibrate in it")
+        raise InputError(f"{content.path}: is a {what}, not an annotation; give its pictures instead")
     if size is None and found.per_frame:
         size = size_beside(content.path)
     frames = found.read(content.path, content.raw, size)

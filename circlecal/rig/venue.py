@@ -339,6 +339,8 @@ def read_venue_file(path: Path) -> VenueFile:
         where = f", line {error.line}" if error.line else ""
         raise InputError(f"{path}{where}: cannot be read: {error}; give a {VENUE_NAME}") from error
     if not isinstance(content, dict) or "venue_version" not in content:
+        if path.suffix == ".jsonl":
+            raise InputError(f"{path}: holds results, not a venue; give the {VENUE_NAME} of circlecal track or rig")
         is_prior = isinstance(content, dict) and not content.keys().isdisjoint(("position_m", "camera"))
         way = "--camera-prior takes the file of one camera, " * is_prior + f"circlecal track and rig write {VENUE_NAME}"
         raise InputError(f"{path}: is no venue: venue_version is missing; {way}")

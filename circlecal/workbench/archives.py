@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import lzma
+import re
 import zipfile
+import zlib
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import IO
 
@@ -17,12 +21,41 @@ MOST_BYTES = 8 << 30
 """Of everything that is unpacked: 10,000 pictures of 1080p have some 5 GB."""
 _NOT_FRAMES = "__MACOSX"
 """Folder of the companions that a Mac adds to every file."""
+_LEADS_OUT = re.compile(r"^[/\\]|^[A-Za-z]:|(^|[/\\])\.\.([/\\]|$)")
+_BROKEN = (
+    *(zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error, lzma.LZMAError),
+    *(NotImplementedError, EOFError, OSError, ValueError),
+)
 
 
-def unpack(
-    source: Path | IO[bytes], name: str, folder: Path, is_wanted: Callable[[PurePosixPath], bool]
-) -> tuple[list[Path], int]:
-    """Files of an archive that are wanted, written into a folder, and how many others there are.
+@dataclass(frozen=True, slots=True)
+class Unpacked:
+    """What was taken of an archive.
+
+    Attributes
+    ----------
+    files : list of Path
+        As they were written.
+    others : list of PurePosixPath
+        Paths in the archive of what was not wanted.
+    led_out : list of str
+        Names of wanted files that would have led out of the folder; they lie in it without that part of their names.
+    """
+
+    files: list[Path]
+    others: list[PurePosixPath]
+    led_out: list[str]
+
+    def warnings(self, name: str) -> list[str]:
+        """What a person should know of the archive of this name, a line each."""
+        if not self.led_out:
+            return []
+        more = f" and {len(self.led_out) - 1} more" if len(self.led_out) > 1 else ""
+        return [f"{name}: the path {self.led_out[0]}{more} leads out of the archive; its file is kept inside"]
+
+
+def unpack(source: Path | IO[bytes], name: str, folder: Path, is_wanted: Callable[[PurePosixPath], bool]) -> Unpacked:
+    """Files of an archive that are wanted, written into a folder.
 
     A file that is there already in its size is not written again.
 
@@ -48,12 +81,16 @@ def unpack(
             wanted = [info for info in members if is_wanted(_path_of(info))]
             total = sum(info.file_size for info in wanted)
             if len(wanted) > MOST_FILES or total > MOST_BYTES:
-                raise InputError(f"{name}: holds {len(wanted)} files of {size_in_words(total)}; unpack it yourself")
+                most = f"more than the {MOST_FILES} files or {size_in_words(MOST_BYTES)} that are unpacked"
+                told = f"holds {len(wanted)} files of {size_in_words(total)}, {most}"
+                raise InputError(f"{name}: {told}; unpack it yourself, and give its folder")
             if any(info.flag_bits & 1 for info in wanted):
-                raise InputError(f"{name}: is encrypted; unpack it yourself")
-            return [_write(archive, info, folder) for info in wanted], len(members) - len(wanted)
-    except (zipfile.BadZipFile, zipfile.LargeZipFile, NotImplementedError, EOFError, OSError, ValueError) as error:
-        raise InputError(f"{name}: is no ZIP archive that can be read: {error}") from error
+                raise InputError(f"{name}: is encrypted; unpack it yourself, and give its folder")
+            files = [_write(archive, info, folder) for info in wanted]
+    except _BROKEN as error:
+        raise InputError(f"{name}: is no ZIP archive that can be read: {error}; make it again") from error
+    others = [path for info in members if not is_wanted(path := _path_of(info))]
+    return Unpacked(files, others, [info.filename for info in wanted if _LEADS_OUT.search(info.filename)])
 
 
 def _path_of(info: zipfile.ZipInfo) -> PurePosixPath:
@@ -66,7 +103,6 @@ def _path_of(info: zipfile.ZipInfo) -> PurePosixPath:
 def _write(archive: zipfile.ZipFile, info: zipfile.ZipInfo, folder: Path) -> Path:
     path = folder.joinpath(*_path_of(info).parts)
     if not (path.is_file() and path.stat().st_size == info.file_size):
-        path.parent.mkdir(parents=True, exist_ok=True)
         with archive.open(info) as file:
             write_atomic(path, file.read(info.file_size + 1)[: info.file_size])
     return path

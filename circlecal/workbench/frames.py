@@ -6,7 +6,7 @@ import hashlib
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Literal
 
 import numpy as np
@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from circlecal.errors import InputError
 from circlecal.files import exists, is_file, real_path, require_input
+from circlecal.formats.paint_list import LIST_NAME
+from circlecal.formats.registry import annotation_suffixes
 from circlecal.names import as_stem
 from circlecal.pictures.files import PICTURE_SUFFIXES, PictureFile, find_frames, read_image
 from circlecal.pictures.inputs import VIDEO_SUFFIXES, expand_inputs
@@ -153,6 +155,8 @@ def list_frames(inputs: Sequence[str], sampling: Sampling, limits: LimitsConfig)
             raise InputError(f"{named.urls[0]}: is a URL; save the picture, or run circlecal batch and give its folder")
         for path in named.paths:
             require_input(path)
+            if path.name == RESULTS_NAME and is_file(path):
+                raise InputError(f"{path}: is the results of a run, not a picture; give its folder, {path.parent}")
         pictures = find_frames(named.paths) if named.paths else []
         found += [ListedFrame(frame) for frame in pictures]
         for path in named.videos:
@@ -176,8 +180,9 @@ def _take_once(frames: Sequence[ListedFrame]) -> list[ListedFrame]:
     return list(found.values())
 
 
-def unpack_inputs(inputs: Sequence[str], folder: Path, tell: Callable[[str], None]) -> list[str]:
-    """The inputs, ZIP archives of pictures and videos among them as the folders into which they were unpacked.
+def unpack_inputs(inputs: Sequence[str], folder: Path, tell: Callable[[str], None]) -> tuple[list[str], list[Path]]:
+    """The inputs, ZIP archives of pictures and videos among them as the folders into which they were unpacked, and the
+    archives that hold annotations.
 
     Parameters
     ----------
@@ -191,22 +196,34 @@ def unpack_inputs(inputs: Sequence[str], folder: Path, tell: Callable[[str], Non
     Raises
     ------
     InputError
-        An archive is damaged, far too large, or holds no picture and no video.
+        An archive is damaged, encrypted, far too large, or holds neither pictures nor videos nor annotations.
     """
-    found = []
+    found, annotated = [], []
     for given in inputs:
         path = Path(given)
         if path.suffix.lower() != SUFFIX or not is_file(path):
             found.append(given)
             continue
         place = folder / as_stem(path.stem)
-        pictures, others = unpack(path, given, place, lambda file: file.suffix.lower() in FRAME_SUFFIXES)
-        if not pictures:
-            raise InputError(f"{given}: holds no picture and no video; import annotations on the page")
+        unpacked = unpack(path, given, place, lambda file: file.suffix.lower() in FRAME_SUFFIXES)
+        others = [file for file in unpacked.others if not may_be_annotation(file)]
+        holds_annotations = len(others) < len(unpacked.others)
+        if not unpacked.files and not holds_annotations:
+            raise InputError(f"{given}: holds no picture, no video and no annotation; give a ZIP of one of these")
+        for warning in unpacked.warnings(given):
+            tell(warning)
         if others:
-            tell(f"{given}: {others} files in it are no pictures; drop the ZIP on the page to import annotations")
-        found.append(str(place))
-    return found
+            tell(f"{given}: {len(others)} files in it are neither pictures nor annotations, and are left out")
+        if unpacked.files:
+            found.append(str(place))
+        if holds_annotations:
+            annotated.append(path)
+    return found, annotated
+
+
+def may_be_annotation(path: PurePosixPath) -> bool:
+    """Whether a file of an archive is looked at, by its name: annotations, and the list beside them."""
+    return path.suffix.lower() in annotation_suffixes() or path.name == LIST_NAME
 
 
 def take_part(frames: list[ListedFrame], part: str | None) -> list[ListedFrame]:

@@ -7,9 +7,9 @@ import tempfile
 import threading
 import zipfile
 from collections import Counter, OrderedDict, defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -26,7 +26,7 @@ from circlecal.formats.exports import list_losses
 from circlecal.formats.format import AnnotationFormat
 from circlecal.formats.meaning import observe
 from circlecal.formats.paint_list import LIST_NAME, list_bytes
-from circlecal.formats.registry import annotation_formats, annotation_suffixes, read_annotations, require_format
+from circlecal.formats.registry import annotation_formats, read_annotations, require_format
 from circlecal.formats.shapes import AnnotatedFrame
 from circlecal.geometry.projective import Array
 from circlecal.names import as_stem
@@ -34,7 +34,7 @@ from circlecal.pipeline import field_of
 from circlecal.workbench.answers import Answer, WrongName, answer, describe
 from circlecal.workbench.archives import MAGIC, unpack
 from circlecal.workbench.doubts import find_wrong_name
-from circlecal.workbench.frames import ListedFrame, picture_of, tell_pixels
+from circlecal.workbench.frames import ListedFrame, may_be_annotation, picture_of, tell_pixels
 from circlecal.workbench.interpretations import Interpretation, interpret
 from circlecal.workbench.measuring import (
     MeasuredPicture,
@@ -71,17 +71,28 @@ class OpenFrame:
 
 
 @dataclass(slots=True)
-class _Taken:
-    """What was taken of the files of an import."""
+class Taken:
+    """What was taken of the files of an import.
+
+    Attributes
+    ----------
+    taken, unknown, kept : int
+        Frames that were taken, that are not listed here, and that somebody annotated here and that stay as they are.
+    warnings : list of str
+        What was left out, a line each.
+    """
 
     taken: int = 0
     unknown: int = 0
+    kept: int = 0
     warnings: list[str] = field(default_factory=list)
 
-    def add(self, taken: int, unknown: int, warnings: Sequence[str]) -> None:
-        self.taken += taken
-        self.unknown += unknown
-        self.warnings += warnings
+    def add(self, other: Taken) -> None:
+        """Count what was taken of another file, too."""
+        self.taken += other.taken
+        self.unknown += other.unknown
+        self.kept += other.kept
+        self.warnings += other.warnings
 
 
 @dataclass(frozen=True, slots=True)
@@ -372,13 +383,15 @@ class Session:
         name = as_stem(Path(name.replace("\\", "/")).name)
         with tempfile.TemporaryDirectory(prefix="circlecal-import-") as folder:
             place = Path(folder)
-            files, others = [place / name], 0
             if content.startswith(MAGIC):
-                files, others = unpack(io.BytesIO(content), name, place / "unpacked", _may_be_annotation)
-                files = [file for file in files if file.name != LIST_NAME]
+                unpacked = unpack(io.BytesIO(content), name, place / "unpacked", may_be_annotation)
+                told = self._take_files(unpacked.files, place, name)
+                told.warnings += unpacked.warnings(name)
+                others = len(unpacked.others)
             else:
-                files[0].write_bytes(content)
-            told = self._take_files(files, place, name)
+                path = place / name
+                path.write_bytes(content)
+                told, others = self._take_files([path], place, name), 0
         if others:
             told.warnings.append(
                 f"{name}: holds {others} other files, which are left out; give a ZIP of pictures to circlecal annotate"
@@ -387,26 +400,48 @@ class Session:
             write_atomic(self.store.folder / "imported" / name, content)
         return {"taken": told.taken, "unknown": told.unknown, "warnings": told.warnings}
 
-    def _take_files(self, files: Sequence[Path], place: Path, name: str) -> _Taken:
-        """Take files of a folder, of which those of an archive that cannot be used are told.
+    def take_archive(self, path: Path) -> Taken:
+        """Take the annotations in a ZIP into the frames that nobody annotated here: the same command may be given again
+        and again, and never takes the place of later work.
+
+        Raises
+        ------
+        InputError
+            The archive cannot be read, or nothing in it can be used.
+        """
+        free = frozenset(index for index, frame in enumerate(self.frames) if not frame.annotated)
+        with tempfile.TemporaryDirectory(prefix="circlecal-import-") as folder:
+            place = Path(folder)
+            unpacked = unpack(path, str(path), place / "unpacked", may_be_annotation)
+            return self._take_files(unpacked.files, place, str(path), free)
+
+    def _take_files(self, files: Sequence[Path], place: Path, name: str, free: Collection[int] | None = None) -> Taken:
+        """Take files of a folder, of which those of an archive that cannot be used are told; into the frames ``free``,
+        or into all.
 
         Raises
         ------
         InputError
             Nothing can be used.
         """
-        told = _Taken()
-        for file in files:
+        told = Taken()
+        for file in (file for file in files if file.name != LIST_NAME):
             try:
-                told.add(*self._take_file(file))
+                told.add(self._take_file(file, free))
             except InputError as error:
                 told.warnings.append(str(error).replace(f"{place / 'unpacked'}/", "").replace(f"{place}/", ""))
-        if not told.taken and (told.warnings or not files):
+        if not told.taken and not told.kept and (told.warnings or not files):
             raise InputError(told.warnings[0] if told.warnings else f"{name}: holds no file of annotations")
         return told
 
-    def _take_file(self, path: Path) -> tuple[int, int, list[str]]:
-        """How many frames of a file are taken, how many are unknown, and warnings."""
+    def _take_file(self, path: Path, free: Collection[int] | None) -> Taken:
+        """Take the frames of one file; into the frames ``free``, or into all.
+
+        Raises
+        ------
+        InputError
+            Nothing in it can be used.
+        """
         stems = [(frame.file.path.stem, k) for k, frame in enumerate(self.frames) if frame.file.time_s is None]
         shared = {stem for stem, count in Counter(stem for stem, _ in stems).items() if count > 1}
         # a name that several pictures have in their folders is none of theirs, but for the one whose id it is
@@ -414,18 +449,18 @@ class Session:
         numbers |= {frame.file.id: k for k, frame in enumerate(self.frames)}
         source, frames = self._read(path, numbers)
         known = [(numbers[frame.id], frame) for frame in frames if frame.id in numbers]
+        wanted = [(index, frame) for index, frame in known if free is None or index in free]
         whole = parse_annotation(path, path.read_bytes()) if source == WORKBENCH.name else None
-        taken = 0
-        warnings: list[str] = []
-        for index, frame in known:
+        told = Taken(unknown=len(frames) - len(known), kept=len(known) - len(wanted))
+        for index, frame in wanted:
             try:
-                warnings += self._merge(index, frame, source, whole)
-                taken += 1
+                told.warnings += self._merge(index, frame, source, whole)
+                told.taken += 1
             except (InputError, NewerError) as error:
-                warnings.append(str(error))
-        if known and not taken:
-            raise InputError(warnings[0])
-        return taken, len(frames) - len(known), warnings
+                told.warnings.append(str(error))
+        if wanted and not told.taken:
+            raise InputError(told.warnings[0])
+        return told
 
     def _read(self, path: Path, numbers: Mapping[str, int]) -> tuple[str, list[AnnotatedFrame]]:
         """Name of the format and frames of a file; those of which it does not say how large they are have the size of
@@ -488,11 +523,6 @@ class Session:
         if current.flag is not None:
             told.append(f"{frame.id}: stays flagged {_say_flag(current)}; take the flag away to use it")
         return (*seen.warnings, *told)
-
-
-def _may_be_annotation(path: PurePosixPath) -> bool:
-    """Whether a file of an archive is looked at, by its name: annotations, and the list beside them."""
-    return path.suffix.lower() in annotation_suffixes() or path.name == LIST_NAME
 
 
 def _say_flag(annotation: Annotation) -> str:

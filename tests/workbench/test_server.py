@@ -1,3 +1,4 @@
+import errno
 import json
 import os
 import urllib.error
@@ -300,6 +301,40 @@ def test_two_pictures_of_one_id_and_a_file_as_folder_are_refused_in_one_line(
     outcome = run_circlecal("annotate", picture, "--out", picture, "--no-browser")
     assert (outcome.code, outcome.err.count("\n")) == (2, 1)
     assert "good.png: is a file, not a folder; choose another --out" in outcome.err
+
+
+def test_a_folder_that_cannot_be_written_to_is_told_before_the_page_is_served(
+    folder, run_circlecal, in_this_process, tmp_path, monkeypatch
+):
+    def refuse(*_, **__):
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    monkeypatch.setattr("circlecal.workbench.server.serve", lambda *_: pytest.fail("is served"))
+    monkeypatch.setattr(Path, "touch", refuse)
+    outcome = run_circlecal("annotate", folder / "good.png", "--out", tmp_path, "--no-browser")
+    assert (outcome.code, outcome.err.count("\n")) == (2, 1)
+    assert "cannot be written: Read-only file system; choose another --out" in outcome.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("annotate", "results.jsonl", "--no-browser"), "results of a run, not a picture; give its folder"),
+        (("calibrate", "good.png", "--venue", "results.jsonl"), "holds results, not a venue; give the venue.yaml"),
+        (("calibrate", "results.jsonl"), "not an annotation; give its pictures instead"),
+        (("calibrate", "day.zip"), "is a ZIP archive; unpack it and give its folder"),
+    ],
+)
+def test_results_and_archives_in_the_place_of_other_files_are_one_line(
+    folder, run_circlecal, in_this_process, tmp_path, monkeypatch, arguments, told
+):
+    monkeypatch.chdir(tmp_path)
+    Path("good.png").write_bytes((folder / "good.png").read_bytes())
+    Path("results.jsonl").write_text('{"schema_version": 1, "id": "good", "status": "refused", "image": null}\n')
+    Path("day.zip").write_bytes(b"PK")
+    outcome = run_circlecal(*arguments)
+    assert (outcome.code, outcome.err.count("\n")) == (2, 1), outcome
+    assert told in outcome.err
 
 
 def test_the_report_of_a_run_is_told_of_the_workbench_while_it_runs(

@@ -19,6 +19,7 @@ from circlecal.formats.paint_list import LIST_NAME
 from circlecal.pictures.limits import DEFAULT_LIMITS, LimitsConfig
 from circlecal.pictures.video import Sampling
 from circlecal.workbench import session as module
+from circlecal.workbench.archives import unpack
 from circlecal.workbench.frames import UNPACKED_FOLDER, list_frames, take_part, unpack_inputs
 from circlecal.workbench.session import Session
 from circlecal.workbench.store import LOCK_NAME, AnnotationStore, NewerError
@@ -304,14 +305,70 @@ def test_a_zip_of_pictures_is_an_input_and_leads_nowhere_else(folder, tmp_path):
     (tmp_path / "day.zip").write_bytes(pictures)
     out, told = tmp_path / "out", []
     for _ in range(2):
-        given = unpack_inputs([str(tmp_path / "day.zip"), "other"], out / UNPACKED_FOLDER, told.append)
-    assert given == [str(out / "frames" / "day"), "other"]
-    assert all("day.zip: 1 files in it are no pictures" in note for note in told) and len(told) == 2
+        given, annotated = unpack_inputs([str(tmp_path / "day.zip"), "other"], out / UNPACKED_FOLDER, told.append)
+    assert (given, annotated) == ([str(out / "frames" / "day"), "other"], [])
+    assert "the path ..//../cam1/good.png leads out of the archive" in told[0]
+    assert "day.zip: 1 files in it are neither pictures nor annotations" in told[1] and len(told) == 4
     assert [str(p.relative_to(tmp_path)) for p in out.rglob("*") if p.is_file()] == ["out/frames/day/cam1/good.png"]
     assert begin(out, Path(given[0])).listing()[0][0] == "cam1__good"
     (tmp_path / "empty.zip").write_bytes(zip_of(a_dot_txt="x"))
-    with pytest.raises(InputError, match="holds no picture and no video"):
+    with pytest.raises(InputError, match="holds no picture, no video and no annotation"):
         unpack_inputs([str(tmp_path / "empty.zip")], out, told.append)
+
+
+def test_annotations_in_a_zip_of_the_command_line_are_imported_once(
+    folder, tmp_path, run_circlecal, in_this_process, monkeypatch
+):
+    annotate(tmp_path / "other", "good")
+    content = (tmp_path / "other" / "good.json").read_bytes()
+    pictures = {f"{name}_dot_png": (folder / f"{name}.png").read_bytes() for name in ("good", "open")}
+    given, out = tmp_path / "day.zip", tmp_path / "out"
+    given.write_bytes(
+        zip_of(a__good_dot_json=content, b__gone_dot_json=content.replace(b'"good"', b'"gone"'), **pictures)
+    )
+    monkeypatch.setattr("circlecal.workbench.server.serve", lambda *_: None)
+
+    def start():
+        outcome = run_circlecal("annotate", given, "--out", out, "--no-browser")
+        assert outcome.code == 0, outcome.err
+        return " ".join(outcome.err.split())
+
+    assert "day.zip: 1 annotations imported; 1 in it are of no frame here" in start()
+    store = AnnotationStore(out)
+    saved = store.read("good")
+    assert names(saved) == ["side_line_top"] and saved.touched
+    later = store.save(saved.model_copy(update={"note": "later"}), saved.revision)
+    assert "day.zip: 0 annotations imported" in (told := start()) and "1 here are annotated already and stay" in told
+    assert store.read("good") == later, "later work stays"
+
+
+@pytest.mark.parametrize("kind", ["broken", "encrypted", "large", "not pictures"])
+def test_a_zip_that_cannot_be_taken_is_one_line(folder, tmp_path, run_circlecal, in_this_process, monkeypatch, kind):
+    content = bytearray(zip_of(good_dot_png=(folder / "good.png").read_bytes()))
+    central = content.rindex(b"PK\x01\x02")
+    told = {"broken": "make it again", "encrypted": "is encrypted; unpack it yourself", "large": "unpack it yourself"}
+    if kind == "broken":
+        content = bytearray(content.replace(b"PNG", b"PNX", 1))
+    elif kind == "encrypted":
+        content[central + 8] |= 1
+    elif kind == "large":
+        monkeypatch.setattr("circlecal.workbench.archives.MOST_BYTES", 1000)
+    else:
+        content = bytearray(zip_of(good_dot_json=b"{}"))
+    (tmp_path / "x.zip").write_bytes(content)
+    outcome = run_circlecal("annotate", tmp_path / "x.zip", "--out", tmp_path / "out", "--no-browser")
+    assert (outcome.code, outcome.err.count("\n")) == (2, 1), outcome
+    assert told.get(kind, "give their pictures too") in outcome.err and "x.zip: " in outcome.err
+
+
+def test_a_damaged_stream_in_a_zip_is_no_traceback(tmp_path):
+    stream = BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("a.png", bytes(range(256)) * 40)
+    content = bytearray(stream.getvalue())
+    content[40:60] = b"\xff" * 20
+    with pytest.raises(InputError, match="make it again"):
+        unpack(BytesIO(content), "a.zip", tmp_path, lambda _: True)
 
 
 def test_a_frame_that_two_ask_for_is_measured_once(folder, tmp_path, monkeypatch):
