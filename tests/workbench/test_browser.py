@@ -290,6 +290,7 @@ def test_a_frame_that_was_changed_elsewhere_is_not_left_before_one_of_both_is_ch
 def test_a_change_that_cannot_be_saved_is_kept_until_it_can_or_is_given_up(browser, serve, folder, tmp_path):
     out = tmp_path / "out"
     go_to(browser, serve(folder, "--out", out)[1], "good")
+    out.rmdir()
     out.write_text("in the way")
     note(browser, "mine", GO_ON)
     browser.wait("document.getElementById('trouble').open && !document.getElementById('drop').hidden")
