@@ -10,8 +10,8 @@ from scipy.special import chdtri
 
 from circlecal.camera.field_evidence import half_log_determinant
 from circlecal.camera.noise import rescale_sigmas
-from circlecal.camera.observed import NoiseModel, curves_from_observations, points_from_observations
-from circlecal.camera.options import priors_of, relief_of
+from circlecal.camera.observed import curves_from_observations, points_from_observations
+from circlecal.camera.options import noise_model, priors_of, relief_of
 from circlecal.camera.priors import SharedPrior, SharedPriorConfig
 from circlecal.camera.problem import WIDE_LOSS, Problem, evaluate
 from circlecal.camera.residuals import curve_residuals, line_curve, sample_feet
@@ -411,7 +411,6 @@ def problem_of_frame(
     """
     if frame.observations is None:
         raise ValueError(f"frame {frame.id} came without its observations")
-    unit = frame.size[0] / 1920.0
     options = suit_pixels(config, frame.aspect).camera
     model = ProjectionModel(*frame.size, Surface(options.usual_crown, circle.radius_m))
     observations, names, rejected = frame.observations, frame.named_lines, frame.rejected
@@ -420,7 +419,7 @@ def problem_of_frame(
         names = tuple(find_opposite_line(name, template) for name in names)
         rejected = tuple(replace(key, name=find_opposite(key.name, template)) for key in rejected)
     seen = restore_names(observations, names, theta, template, model).without(rejected)
-    noise = NoiseModel(options.maximum_points, options.model_sigma_px * unit, options.correlation_px * unit)
+    noise = noise_model(options, frame.size[0])
     priors = priors_of(options, template, circle, model)
     problem = Problem(
         curves_from_observations(seen, template, noise),

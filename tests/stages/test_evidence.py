@@ -334,12 +334,17 @@ def test_a_piece_of_which_a_player_hides_all_but_a_fifth_does_not_outweigh_the_o
 
 
 @pytest.mark.parametrize(
-    ("field", "scale", "code"),
-    [("soccer", 9.7, None), ("soccer", 11.8, "residual_too_large"), ("robocup", 14.3, None)],
+    ("field", "zoom", "scale", "code"),
+    [
+        ("soccer", 1.0, 9.7, None),
+        ("soccer", 1.0, 11.8, "residual_too_large"),
+        ("soccer", 4.0, 15.1, None),
+        ("robocup", 1.0, 14.3, None),
+    ],
 )
-def test_many_times_the_noise_of_the_picture_is_another_marking(field, scale, code):
+def test_many_times_the_noise_of_the_picture_is_another_marking(field, zoom, scale, code):
     """All that circle and lines leave is taken for noise before a camera is believed; so much of it only wide paint
-    has, which is ragged.
+    has, which is ragged, and paint that is seen large, whose error is some of the field.
     """
-    camera = replace(fit_of(CAMERA), noise_scale=scale)
+    camera = replace(fit_of(replace(CAMERA, focal_px=zoom * CAMERA.focal_px)), noise_scale=scale)
     assert weigh(NO_PAINT, camera, template=load_field(field)).code == code
