@@ -144,9 +144,11 @@ def _compare_places(
     rivals: Mapping[str, LaidField],
 ) -> Attempt:
     """The attempt, refused where the paint lies clearly nearer to the places of another field that covers about as much
-    of it: each marking is measured anew where either field has it.
+    of it: each marking is measured anew where either field has it. A field that has markings which this one's template
+    leaves out is not asked: these would count for it, and hold its camera.
     """
-    alike = [name for name, rival in rivals.items() if weigh(rival.seen) >= LEAGUE_SHARE * weigh(own)]
+    names, least = setting.template.names, LEAGUE_SHARE * weigh(own)
+    alike = [name for name, rival in rivals.items() if weigh(rival.seen) >= least and load_field(name).names <= names]
     if not alike or attempt.camera is None:
         return attempt
     agreements = {

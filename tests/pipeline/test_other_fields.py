@@ -1,5 +1,6 @@
 """A court of another league than the one that was named."""
 
+import re
 from importlib import import_module
 
 import numpy as np
@@ -22,6 +23,7 @@ from circlecal.synthetic.looks import sample_config
 from circlecal.synthetic.renderer import render
 from circlecal.synthetic.sampling import render_frame
 from circlecal.synthetic.scene import Scene
+from circlecal.yaml_text import config_folder
 
 SOCCER_SEED = 3801455670
 
@@ -74,6 +76,19 @@ def test_a_rink_of_another_league_is_told_by_the_places_of_its_markings():
     assert found.verdict.check("other_field_ratio").passed
     assert found.verdict.check("other_field_agreement").value > 1.1 * AGREEMENT_RATIO
     assert "looks like ice-hockey: its markings lie where" in found.verdict.reason
+
+
+def test_a_template_that_leaves_markings_out_is_not_refused_for_a_fuller_one(tmp_path):
+    """Spots of the fuller one counted for it: six of eight real rinks were refused under a plain template."""
+    text = (config_folder() / "fields" / "ice-hockey-nhl.yaml").read_text(encoding="utf-8")
+    plain = re.sub(r"  - \{name: \w+_spot_.*\n", "", text).replace("name: ice-hockey-nhl", "name: plain", 1)
+    (tmp_path / "plain.yaml").write_text(plain, encoding="utf-8")
+    assert load_field(str(tmp_path / "plain.yaml")).names < load_field("ice-hockey-nhl").names
+    picture = render_frame("rink", np.random.default_rng(8), 1280, 720, load_field("ice-hockey-nhl")).image
+    found = calibrate_image(
+        picture, load_config(None, {"field.template": str(tmp_path / "plain.yaml")}), frame_id="rink"
+    )
+    assert found.status == "calibrated", found.verdict.reason
 
 
 @pytest.mark.parametrize(("seed", "named"), [((SOCCER_SEED, 77, 1), "handball"), ((SOCCER_SEED, 77, 6), "futsal")])
