@@ -151,19 +151,13 @@ def _compare_places(
     alike = [name for name, rival in rivals.items() if weigh(rival.seen) >= least and load_field(name).names <= names]
     if not alike or attempt.camera is None:
         return attempt
-    agreements = {
-        name: measure_agreement(
-            replace(setting, template=load_field(name)),
-            scene,
-            attempt,
-            rivals[name].circle,
-            rivals[name].view,
-            FEWEST_CARRYING + 1,
-        )
-        for name in alike
-    }
-    of_own = measure_agreement(setting, scene, attempt, laid.circle, laid.view)
+    agreements = {}
+    for name in alike:
+        told, rival = replace(setting, template=load_field(name)), rivals[name]
+        agreements[name] = measure_agreement(told, scene, attempt, rival.circle, rival.view, FEWEST_CARRYING + 1)
     best = max(agreements, key=lambda name: agreements[name])
+    # where no other field has a camera there is nothing to compare with
+    of_own = measure_agreement(setting, scene, attempt, laid.circle, laid.view) if agreements[best] > 0.0 else 0.0
     ratio = agreements[best] / max(of_own, count_agreeing(attempt.camera), NOTHING)
     check = Check.of("other_field_agreement", ratio, AGREEMENT_RATIO)
     attempt = add_checks(attempt, check)

@@ -67,7 +67,7 @@ WORTH_SHARE = 0.25
 """Share of the worth of the best proposal's first look below which another one is not looked at again."""
 ROUNDS, LOOKS = 3, 3
 """In which the tripods find further frames and learn from them; and looks at a frame while its tripod changes."""
-FOUND_SD_PX, FOUND_SD_ZOOM = 3.0, 0.004
+KNOWN_SD_PX, KNOWN_SD_ZOOM = 3.0, 0.004
 """Of a head that the paint of its own frame tells, while its tripod changes, pixels at 1920 px width and logarithm of
 the focal length.
 """
@@ -501,7 +501,7 @@ def _look_again(place: Place, picture: LookedAt, frame: HeadedFrame, blur_px: Ar
     of unknown width, which it does not show, leaves nothing else open. The way (2,) of the picture while the shutter
     was open is that between its neighbours.
     """
-    spread = place.proposal_covariance(place.tripod.head_low, FOUND_SD_PX, FOUND_SD_ZOOM)
+    spread = place.proposal_covariance(place.tripod.head_low, KNOWN_SD_PX, KNOWN_SD_ZOOM)
     return place.look(picture, frame.head, spread, place.follow_paint(frame.head, frame.measured), blur_px)
 
 
