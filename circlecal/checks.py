@@ -159,6 +159,11 @@ CHECKS: dict[str, Gate] = {
         "how much too early the halfway line's paint ends, picture widths",
         words="the halfway line breaks off where the camera says that it goes on, and nothing hides it",
     ),
+    "bare_ends": Gate(
+        "markings_missing",
+        "how many ends of the halfway line lie on bare ground in full view",
+        words="the halfway line ends on bare ground, where a pitch has its touchlines",
+    ),
     "crown_m": Gate(
         "picture_contradicts",
         "how much higher the ground is in the circle's middle than at its rim, m",

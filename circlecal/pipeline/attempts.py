@@ -30,6 +30,7 @@ from circlecal.results import (
     Verdict,
 )
 from circlecal.solvers import solve_by_name
+from circlecal.stages.bare_ends import count_bare_ends
 from circlecal.stages.camera import estimate_camera
 from circlecal.stages.confirm import are_others_painted, is_circle_painted, look_for_markings
 from circlecal.stages.correspondences import choose_turn, derive_correspondences, is_turned, turn_correspondences
@@ -42,7 +43,7 @@ from circlecal.stages.mask import find_marking, suit_field
 from circlecal.stages.rays import cast_rays
 from circlecal.stages.surroundings import measure_surroundings
 from circlecal.stages.verdict import judge
-from circlecal.stages.verdict_on_picture import confirm, weigh_evidence
+from circlecal.stages.verdict_on_picture import confirm, judge_ends, must_show_ends, weigh_evidence
 
 UNDETERMINED = ("no_circle", "no_ellipse")
 """Refusals that say only that points, lines and arcs are too few without the circle."""
@@ -330,7 +331,10 @@ def look_again(setting: Setting, scene: Scene, attempt: Attempt) -> Attempt:
         attempt = replace(attempt, verdict=verdict)
         if verdict.status == "refused":
             return attempt
-    return replace(attempt, verdict=confirm(verdict, camera, fitted.cues, expected, evidence))
+        verdict = confirm(verdict, camera, fitted.cues, expected, evidence)
+        if verdict.status == "calibrated" and must_show_ends(camera, fitted.cues, template):
+            verdict = judge_ends(verdict, count_bare_ends(picture, camera.view, template))
+    return replace(attempt, verdict=verdict)
 
 
 def _find_other_paints(

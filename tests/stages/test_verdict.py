@@ -268,7 +268,7 @@ def test_an_end_of_the_halfway_line_alone_must_fit_the_marking_that_it_lies_on()
 OF_THE_DETECTOR = {"marking_rms_px", "band_width", "painted_share", "whole_share"}
 OF_OTHERS = {"circle_told", "rival_ratio", "paint_of_view", "missing_markings", "frames_to_confirmed", "assumed_place"}
 OF_THE_PICTURE = {
-    "unexplained_widths", "painted_share_of_carriers", "bare_widths", "reversal",
+    "unexplained_widths", "painted_share_of_carriers", "bare_widths", "bare_ends", "reversal",
     "rough_share", "above_share", "beyond_share", "near_share", "seam_share", "noise_scale", "contradictions",
 }  # fmt: skip
 WITHOUT_CIRCLE = {"field_in_front", "marking_residual_px", "rejected_share"}
