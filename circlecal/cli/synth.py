@@ -51,6 +51,7 @@ class Profile(StrEnum):
     COURT = "court"
     ROBOTS = "robots"
     CUT = "cut"
+    KICK_OFF = "kick_off"
 
 
 class Clips(StrEnum):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
@@ -60,6 +61,7 @@ SceneProfile = Literal[
     "court",
     "robots",
     "cut",
+    "kick_off",
 ]
 SCENE_PROFILES: tuple[SceneProfile, ...] = get_args(SceneProfile)
 PROFILE_BY_NAME: dict[str, SceneProfile] = {profile: profile for profile in SCENE_PROFILES}
@@ -94,6 +96,7 @@ _SETTINGS: dict[str, _Setting] = {
     "broadcast": _Setting(("broadcast",)),
     "partial": _Setting(("partial",)),
     "hidden_mark": _Setting(_USUAL),
+    "kick_off": _Setting(("broadcast", "main", "partial", "partial")),
     "hard": _Setting(("hard",)),
     "graphics": _Setting(("broadcast", "broadcast", "main")),
     "low_camera": _Setting(("pitchside",)),
@@ -124,6 +127,8 @@ _FLAT_SHARE = 0.5
 _RUGBY_SHARE = 0.5
 _KEPT_SHARE = (0.55, 0.85)
 """Of the width and of the height, each by itself, of a picture that is cut."""
+_BESIDE_MARK_M, _KICKERS_M = 0.02, (0.7, 3.0)
+"""How far from the centre mark the ball lies at a kick-off (standard deviation), and how far two players stand."""
 _MOST_PLAYERS = {"ice-hockey": 12, "ice-hockey-nhl": 12, "basketball-nba": 12, "futsal": 9}
 
 
@@ -164,7 +169,8 @@ def sample_scene(
         ``"world_..."``: fields of any size that the Laws allow, flat or crowned, with the whole circle, a part of it,
         with banners over the picture, with players at the ends of lines, with the lines of a second sport and a circle
         that was painted anew. ``"altered"``: pictures that no camera took (:mod:`circlecal.synthetic.alterations`).
-        ``"cut"``: a part of a picture of the size asked for.
+        ``"cut"``: a part of a picture of the size asked for. ``"kick_off"``: the ball on the centre mark and players
+        beside it, near enough for a part of the circle only in every other frame.
     rng : Generator
         Randomness.
     width, height : int
@@ -209,6 +215,9 @@ def sample_scene(
         painted = bool(rng.random() < 0.7)
         players = (*players, _in_front_of_mark(camera, field, rng)) if painted else players
     ball = _sample_ground(camera, field, surface, 1, rng)
+    if profile == "kick_off":
+        ball = rng.normal(field.circle_by_name[field.default_circle].center, _BESIDE_MARK_M, (1, 2))
+        players = (*players, *_at_kick_off(field, rng))
     return Scene(
         camera,
         field,
@@ -340,6 +349,14 @@ def _clear_of_mark(
         if not ((center > low - 12) & (center < high + 12)).all():
             kept.append(player)
     return tuple(kept)
+
+
+def _at_kick_off(template: FieldTemplate, rng: np.random.Generator) -> Iterator[Player]:
+    """Two players beside the centre mark, one of each team."""
+    center = np.asarray(template.circle_by_name[template.default_circle].center)
+    for team in (0, 1):
+        angle, distance_m = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(*_KICKERS_M)
+        yield sample_player(center + distance_m * np.array([np.cos(angle), np.sin(angle)]), team, rng)
 
 
 def _in_front_of_mark(camera: Camera, template: FieldTemplate, rng: np.random.Generator) -> Player:

@@ -158,3 +158,32 @@ def test_the_rim_of_a_ball_on_the_line_is_no_mark(level, is_found):
     across = np.array([1.0, 0.0, -MIDDLE[0]])
     found = find_centre_mark(picture, across, points, conic, 2.0 * RADIUS, WIDTH, BLUR_PX, (-0.2, 0.2), 4.0)
     assert (found is not None) is is_found
+
+
+FLAT_PX = np.array([100.0, 25.0])
+"""Half axes of a circle that is seen from a stand."""
+
+
+def find_under_ball(radius_px: float, above_px: float, level: float) -> SeenMark | None:
+    """The mark of a circle seen from a stand, with a ball before it whose middle is so far above the mark's."""
+    y, x = np.mgrid[:300, :400] - MIDDLE[::-1, None, None]
+    paint = (np.abs(x) < 0.5 * WIDTH * FLAT_PX[0]) | (np.hypot(x / FLAT_PX[0], y / FLAT_PX[1]) < RADIUS)
+    ball = np.hypot(x, y + above_px) < radius_px
+    paint, ball = (cv2.GaussianBlur(shape.astype(np.float32), (0, 0), BLUR_PX) for shape in (paint, ball))
+    picture = (90.0 + 60.0 * paint) * (1.0 - ball) + level * ball + np.random.default_rng(0).normal(0.0, 2.0, x.shape)
+    points = MIDDLE + np.linspace(-0.98, 0.98, 90)[:, None] * (0.0, FLAT_PX[1])
+    conic, line = conic_from_ellipse(Ellipse(MIDDLE, tuple(FLAT_PX), 0.0)), np.array([1.0, 0.0, -MIDDLE[0]])
+    return find_centre_mark(picture, line, points, conic, 2.0 * RADIUS, WIDTH, BLUR_PX, (-0.4, 0.4), 4.0)
+
+
+@pytest.mark.parametrize(("radius_px", "above_px"), [(3.5, 2.1), (3.5, 3.3), (4.5, 2.7)])
+@pytest.mark.parametrize("level", [170.0, 220.0])
+def test_a_ball_that_lies_on_the_mark_is_not_the_mark(radius_px, above_px, level):
+    """It is round where the disc is four times as wide as it is high, and is seen above the place on which it lies."""
+    assert find_under_ball(radius_px, above_px, level) is None
+
+
+def test_a_mark_without_a_ball_is_found_where_it_is_flat():
+    found = find_under_ball(0.0, 0.0, 150.0)
+    assert found is not None
+    assert found.point_px == pytest.approx(MIDDLE, abs=0.3)
