@@ -1,10 +1,11 @@
 """COCO keypoints: one file with all frames, in and out.
 
 ``images`` (``file_name``, ``width``, ``height``), ``categories`` (``keypoints``: names) and ``annotations``
-(``keypoints``: x, y, visibility of each; ``segmentation``: polygons). Pixels count from 0 at the centre of the first
-one, so they are ours; a keypoint with visibility 0 is not there. COCO knows neither lines nor arcs: a polygon is read
-as points on the marking that its category names, and lines are written so (a line of two points as a polygon with its
-end doubled). A box alone is left out. A refused frame has what was measured in it.
+(``keypoints``: x, y, visibility of each; ``segmentation``: polygons). Keypoints are indices of pixels, so they are
+ours; polygons and boxes run from 0 to the width, from the corner of the picture: pixel = theirs - 0.5. A keypoint with
+visibility 0 is not there, one that is hidden (1) counts. COCO knows neither lines nor arcs: a polygon is read as points
+on the marking that its category names, and lines are written so (a line of two points as a polygon with its end
+doubled). A box alone is left out. A refused frame has what was measured in it.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ from circlecal.formats.shapes import AnnotatedFrame, Shape
 from circlecal.geometry.projective import Array
 
 POINTS_CATEGORY = "field"
+_CORNER = 0.5
 
 
 class _Category(FileModel):
@@ -135,7 +137,7 @@ def _polygons(polygons: Sequence[Sequence[float]], label: str, where: str) -> li
     for number, flat in enumerate(polygons):
         if len(flat) % 2 or not flat:
             raise InputError(f"{where}.segmentation.{number}: has {len(flat)} numbers; pairs are wanted")
-        points = np.array(flat, dtype=np.float64).reshape(-1, 2)
+        points = np.array(flat, dtype=np.float64).reshape(-1, 2) - _CORNER
         again = np.all(points[1:] == points[:-1], axis=1)
         found.append(Shape(label.strip(), "line", points[~np.concatenate([[False], again])]))
     return found
@@ -167,7 +169,7 @@ def write(frames: Sequence[AnnotatedFrame]) -> bytes:
                 points = shape.sample()
                 polygon = points if len(points) > 2 else points[np.minimum(np.arange(3), len(points) - 1)]
                 annotations.append(_annotation(len(annotations) + 1, image_id, numbers[shape.label], points, {
-                    "segmentation": [polygon.ravel().tolist()]
+                    "segmentation": [(polygon + _CORNER).ravel().tolist()]
                 }))  # fmt: skip
     return json_bytes({"images": images, "categories": categories, "annotations": annotations})
 
@@ -197,7 +199,7 @@ def _triple(point: Array | None) -> list[float]:
 
 
 def _annotation(number: int, image_id: int, category_id: int, points: Array, content: dict[str, Any]) -> dict[str, Any]:
-    corner, extent = points.min(axis=0), np.ptp(points, axis=0)
+    corner, extent = points.min(axis=0) + _CORNER, np.ptp(points, axis=0)
     box = [float(v) for v in (*corner, *extent)]
     return {
         "id": number, "image_id": image_id, "category_id": category_id, "bbox": box,
