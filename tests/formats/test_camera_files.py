@@ -10,7 +10,7 @@ import pytest
 from circlecal.errors import InputError
 from circlecal.field import load_field
 from circlecal.field.view import FieldView
-from circlecal.formats import broadtrack, exports, soccernet_camera, tvcalib, worldcup
+from circlecal.formats import broadtrack, exports, gamestate_camera, soccernet_camera, tvcalib, worldcup
 from circlecal.formats.cameras import CalibratedFrame, CameraFrame, center_camera, resize_camera
 from circlecal.formats.format import json_bytes
 from circlecal.formats.soccernet_camera import camera_keys
@@ -117,6 +117,48 @@ def test_worldcup_is_picture_to_yards_from_the_top_left_corner(frame_camera):
     matrix = worldcup.parse_matrix(FILE, worldcup.matrix_bytes(camera.homography, (1280, 720)))
     x, y, w = matrix @ [*camera.project([[0.0, 9.15]])[0], 1.0]
     assert (x / w, y / w) == pytest.approx((57.5, 37 + 9.15 / 0.9144))
+
+
+def see_as_soccernet(keys, points):
+    """Pixels (N, 2) of points on the ground by the formulas of SoccerNet's camera, with nothing of circlecal."""
+    pan, tilt, roll = np.radians([keys[f"{name}_degrees"] for name in ("pan", "tilt", "roll")])
+
+    def about_z(angle):
+        return np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+
+    about_x = np.array([[1, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]])
+    rotation = (about_z(pan) @ about_x @ about_z(roll)).T
+    seen = (np.column_stack([points, np.zeros(len(points))]) - keys["position_meters"]) @ rotation.T
+    plane = seen[:, :2] / seen[:, 2:]
+    square = np.sum(plane**2, axis=1)[:, None]
+    k1, k2 = keys["radial_distortion"][:2]
+    focal = np.array([keys["x_focal_length"], keys["y_focal_length"]])
+    return plane * (1 + k1 * square + k2 * square**2) * focal + keys["principal_point"]
+
+
+@pytest.mark.parametrize("size", [(960, 540), (1920, 1080)])
+def test_cameras_show_the_field_by_the_formulas_of_their_programs(frame_camera, size):
+    """A barrel lens, a principal point off the centre, and pixels that are not quite square, at two sizes."""
+    camera = replace(
+        frame_camera, kappa=np.array([-0.06, 0.01]), principal_point_px=np.array([470.0, 281.0]),
+        focal_px=np.array([2300.0, 2304.0]),
+    )  # fmt: skip
+    frame = CameraFrame("a", 960, 540, camera).resize(size)
+    expected = camera.project(POINTS) * (np.array(size) - 1) / (959, 539)
+    labels = json.loads(gamestate_camera.write([frame]))
+    files = {
+        "soccernet": json.loads(soccernet_camera.write([frame])),
+        "tvcalib": json.loads(tvcalib.write([frame])),
+        "gamestate": labels["annotations"][0]["parameters"],
+    }
+    assert (labels["images"][0]["width"], labels["images"][0]["height"]) == size
+    for name, keys in files.items():
+        assert np.abs(see_as_soccernet(keys, POINTS) - expected).max() < 1e-6, name
+    x, y, w = (
+        np.array(files["tvcalib"]["homography"])
+        @ np.column_stack([seen_by(frame.camera.homography, POINTS), np.ones(4)]).T
+    )
+    np.testing.assert_allclose(np.column_stack([x / w, y / w]), POINTS, atol=1e-6)
 
 
 @pytest.mark.parametrize("content", [b"1 2 3", b"1 0 0 0 1 0 0 0 nan", b"1 0 0 0 1 0 0 0 x", b"0 0 0 0 0 0 0 0 0"])
