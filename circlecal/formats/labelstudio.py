@@ -2,8 +2,9 @@
 
 ``annotations[].result[]`` with ``value`` in per cent of ``original_width`` and ``original_height``, counted from the
 corner of the picture: pixel = ``x / 100 W - 0.5``. Read are key points, polygons, vectors and ellipses (``x``, ``y`` is
-the centre, turned by ``rotation`` degrees clockwise in the picture, not in per cent). Of several annotations of a task
-the first counts that was not cancelled and is not empty; predictions are not read. A refused frame has what was
+the centre, turned by ``rotation`` degrees clockwise in the picture, not in per cent), labelled by their own tag or by
+``<Labels>``; one with several labels lies on each of them, as a point where two lines meet. Of several annotations of a
+task the first counts that was not cancelled and is not empty; predictions are not read. A refused frame has what was
 measured in it.
 """
 
@@ -39,6 +40,10 @@ from circlecal.formats.shapes import AnnotatedFrame, Shape, ShapeKind
 from circlecal.geometry.projective import Array
 
 _CORNER = 0.5
+_LABELS = "labels"
+_NO_REGIONS = ("choices", "taxonomy")
+_KIND_BY_KEY = {"points": "polygon", "vertices": "vector", "radiusX": "ellipse"}
+"""Which regions a value of ``<Labels>`` is of; a point has neither these nor a height."""
 _Pair = Annotated[list[Bounded], Field(min_length=2, max_length=2)]
 
 
@@ -107,11 +112,11 @@ def read(path: Path, content: bytes, size: Size | None) -> list[AnnotatedFrame]:
         width, height = require_size(path, found, size)
         shapes, warnings = [], []
         for position, result in enumerate(results):
-            read = _shape(path, result, f"{where}.{position}", (width, height))
-            if isinstance(read, Shape):
-                shapes.append(read)
-            elif read is not None:
-                warnings.append(read)
+            labelled = _shapes(path, result, f"{where}.{position}", (width, height))
+            if isinstance(labelled, str):
+                warnings.append(labelled)
+            else:
+                shapes += labelled
         if len(filled) > 1:
             warnings.append(f"{path}: {number}.annotations: has several; only the first is read")
         on_paint = isinstance(task.meta, dict) and says_paint(task.meta.get(OWN_KEY))
@@ -128,13 +133,17 @@ def _image_name(task: _Task) -> str | None:
     return next((v for v in (task.data.get("image"), *values) if isinstance(v, str)), None)
 
 
-def _shape(path: Path, result: _Result, where: str, size: Size) -> Shape | str | None:
-    """The shape of a result, a warning, or nothing for what is no region (choices, ratings)."""
-    kind = result.type.removesuffix("labels")
+def _shapes(path: Path, result: _Result, where: str, size: Size) -> list[Shape] | str:
+    """The shape of a result under each of its labels, or a warning; nothing for what is no region (choices, ratings),
+    and for a region whose labels are a result of their own.
+    """
     value = result.value
-    labels = value.get(result.type)
-    if not isinstance(labels, list) or not labels or not isinstance(labels[0], str):
-        return f"{path}: {where}.value: has no label; left out" if result.type.endswith("labels") else None
+    labels = value.get(result.type, value.get(_LABELS))
+    if not isinstance(labels, list) or not labels or not all(isinstance(label, str) for label in labels):
+        return f"{path}: {where}.value: has no label; left out" if result.type.endswith(_LABELS) else []
+    if result.type in _NO_REGIONS:
+        return []
+    kind = _kind_of(value) if result.type == _LABELS else result.type.removesuffix(_LABELS)
     prefix = f"{where}.value"
     scale = np.array(size, dtype=np.float64) / 100.0
     shape_kind: ShapeKind = "line"
@@ -149,7 +158,13 @@ def _shape(path: Path, result: _Result, where: str, size: Size) -> Shape | str |
         points = np.array([(v.x, v.y) for v in parse_value(_Vector, path, value, prefix).vertices]) * scale
     else:
         return f"{path}: {where}.type: {result.type!r} is no point, polygon, vector or ellipse; left out"
-    return Shape(labels[0].strip(), shape_kind, points - _CORNER)
+    return [Shape(label.strip(), shape_kind, points - _CORNER) for label in labels]
+
+
+def _kind_of(value: dict[str, Any]) -> str:
+    """Kind of a region by what its value has; empty for what is none that is read."""
+    found = next((kind for key, kind in _KIND_BY_KEY.items() if key in value), "")
+    return found or ("keypoint" if "x" in value and "height" not in value else "")
 
 
 def _ellipse(value: _Ellipse, scale: Array) -> Array:

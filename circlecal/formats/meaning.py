@@ -1,9 +1,9 @@
 """What labelled shapes mean on the field: circles, lines, marks and keypoints of the template, each with its sigma.
 
-A label is the template's own name of an element (``halfway_line``), its SoccerNet class (``Middle line``), a point of a
-circle by its direction on the map (``centre_circle top_left``), the meet of two lines (``halfway_line x
-side_line_top``) or a keypoint of PnLCalib (``kp_32``); capitals, blanks at the ends, ``center`` for ``centre`` and
-blanks for underscores make no difference. Points along a marking lie on its centreline.
+A label is the template's own name of an element (``halfway_line``), its SoccerNet class (``Middle line``), and with
+either of these a point of a circle by its direction on the map (``centre_circle top_left``) or the meet of two lines
+(``halfway_line x side_line_top``), or a keypoint of PnLCalib (``kp_32``); capitals, blanks at the ends, ``center`` for
+``centre`` and blanks for underscores make no difference. Points along a marking lie on its centreline.
 """
 
 from __future__ import annotations
@@ -232,9 +232,19 @@ def names_a_point(label: str, template: FieldTemplate) -> bool:
     kind, _ = _elements(template).get(name, ("", ""))
     if kind or pnlcalib.keypoint_number(label) is not None:
         return kind in ("", "mark")
-    prefixes = [normalise(circle.name) + " " for circle in template.circles]
-    places = {name.removeprefix(prefix) for prefix in prefixes if name.startswith(prefix)}
-    return name in _CENTRE_WORDS or MEET in name or bool(places & {CENTRE, *_DIRECTIONS})
+    _, direction = _split_circle(name, template)
+    return name in _CENTRE_WORDS or MEET in name or direction in (CENTRE, *_DIRECTIONS)
+
+
+def _split_circle(name: str, template: FieldTemplate) -> tuple[Circle | None, str]:
+    """The circle with which a normalised label begins, by either of its names, and what follows; None where there is
+    none.
+    """
+    for circle in template.circles:
+        for spelling in (circle.name, circle.class_name):
+            if spelling is not None and name.startswith(prefix := normalise(spelling) + " "):
+                return circle, name.removeprefix(prefix)
+    return None, ""
 
 
 @dataclass(slots=True)
@@ -258,7 +268,12 @@ class _Reading:
             return
         name = normalise(shape.label)
         elements = _elements(self.template)
-        if pnlcalib.keypoint_number(shape.label) is not None:
+        count = len(shape.points_px)
+        if count > 1 and shape.kind != "ellipse" and names_a_point(shape.label, self.template):
+            self.warnings.append(
+                f"{self.file}: {shape.label}: has {count} points, but names one of the field; left out"
+            )
+        elif pnlcalib.keypoint_number(shape.label) is not None:
             self._take_detection(shape)
         elif name in elements:
             self._take_element(shape, elements[name])
@@ -277,7 +292,7 @@ class _Reading:
     def _take_element(self, shape: Shape, element: tuple[str, str]) -> None:
         kind, name = element
         if kind == "mark":
-            self.marks += [MarkPoint(name, point, self.sigma_px) for point in shape.points_px[:1]]
+            self.marks.append(MarkPoint(name, shape.points_px[0], self.sigma_px))
         elif kind == "circle":
             points = shape.sample()
             few = np.sqrt(ELLIPSE_SAMPLES / _ELLIPSE_FREEDOMS) if shape.kind == "ellipse" else 1.0
@@ -294,13 +309,12 @@ class _Reading:
         """Take a point whose position on the field its label says; whether the label is one."""
         if name in _CENTRE_WORDS:
             name = normalise(f"{self.template.default_circle} {CENTRE}")
-        for circle in self.template.circles:
-            prefix = normalise(circle.name) + " "
-            if name.startswith(prefix):
-                return self._take_circle_place(shape, circle, name.removeprefix(prefix))
+        circle, direction = _split_circle(name, self.template)
+        if circle is not None:
+            return self._take_circle_place(shape, circle, direction)
         first, _, second = name.partition(MEET)
-        lines = {normalise(line.name): line.name for line in self.template.lines}
-        crossing = self.template.meet_lines(lines.get(first, ""), lines.get(second, ""))
+        elements = _elements(self.template)
+        crossing = self.template.meet_lines(elements.get(first, ("", ""))[1], elements.get(second, ("", ""))[1])
         if crossing is None:
             return False
         self._keypoint(shape.label, crossing, shape.points_px[0], self.sigma_px)

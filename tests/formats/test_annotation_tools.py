@@ -106,6 +106,44 @@ def test_label_studio_is_in_per_cent_and_turns_in_the_picture():
     assert not frame.warnings
 
 
+def label_studio(*results):
+    sizes = {"original_width": 200, "original_height": 100}
+    tasks = [{"annotations": [{"result": [{"type": kind, "value": value, **sizes} for kind, value in results]}]}]
+    (frame,) = labelstudio.read(FILE, json_bytes(tasks), None)
+    return frame
+
+
+def test_label_studio_regions_that_are_labelled_by_a_tag_of_their_own():
+    """With ``<Labels>`` and ``<Polygon>`` every region is two results: its shape, and the shape with its labels."""
+    regions = {
+        "polygon": {"points": [[10, 20], [30, 40]]},
+        "vector": {"vertices": [{"x": 10, "y": 20}, {"x": 30, "y": 40}]},
+        "ellipse": {"x": 50, "y": 50, "radiusX": 10, "radiusY": 20, "rotation": 0},
+        "keypoint": {"x": 10, "y": 20, "width": 0.4},
+        "rectangle": {"x": 1, "y": 2, "width": 3, "height": 4, "rotation": 5},
+    }
+    both = [result for kind, v in regions.items() for result in ((kind, v), ("labels", {**v, "labels": [kind]}))]
+    for frame in (label_studio(*both), label_studio(*((k, {**v, "labels": [k]}) for k, v in regions.items()))):
+        found = {shape.label: (shape.kind, shape.points_px.tolist()) for shape in frame.shapes}
+        assert found == {
+            "polygon": ("line", [[19.5, 19.5], [59.5, 39.5]]),
+            "vector": ("line", [[19.5, 19.5], [59.5, 39.5]]),
+            "ellipse": ("ellipse", [[99.5, 49.5], [119.5, 49.5], [99.5, 69.5]]),
+            "keypoint": ("points", [[19.5, 19.5]]),
+        }
+        assert len(frame.warnings) == 1
+
+
+def test_label_studio_regions_of_several_labels_and_what_is_no_region():
+    point = {"x": 10, "y": 20, "width": 0.4, "keypointlabels": ["Middle line", "Side line top"]}
+    frame = label_studio(("keypointlabels", point), ("choices", {"choices": ["sunny"]}), ("rating", {"rating": 4}))
+    assert [(s.label, s.points_px.tolist()) for s in frame.shapes] == [
+        ("Middle line", [[19.5, 19.5]]),
+        ("Side line top", [[19.5, 19.5]]),
+    ]
+    assert not frame.warnings
+
+
 def test_label_studio_takes_the_first_annotation_that_counts():
     def annotation(x, cancelled=False):
         value = {"x": x, "y": 0, "keypointlabels": ["centre_mark"]}

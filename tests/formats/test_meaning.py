@@ -112,6 +112,26 @@ def test_the_centre(label):
     assert [(m.mark, m.point_px.tolist()) for m in found.marks] == [("centre_mark", [7.0, 8.0])]
 
 
+@pytest.mark.parametrize("kind", ["line", "points"])
+@pytest.mark.parametrize("label", ["centre_mark", "centre_circle top", "halfway_line x side_line_top", "kp_2"])
+def test_an_outline_of_a_point_is_not_taken_for_its_first_corner(label, kind):
+    found = read(shape(label, (7, 8), (9, 8), (8, 11), kind=kind))
+    assert found.warnings == (f"file.json: {label}: has 3 points, but names one of the field; left out",)
+    seen = found.observations
+    assert not (seen.marks or seen.keypoints or seen.circles)
+
+
+def test_of_an_ellipse_about_a_mark_the_centre_counts():
+    (mark,) = read(shape("centre_mark", (7, 8), (9, 8), (7, 9), kind="ellipse")).observations.marks
+    assert mark.point_px.tolist() == [7.0, 8.0]
+
+
+def test_classes_of_soccernet_in_the_names_of_points(soccer):
+    found = read(shape("Middle line x Side line top", (7, 8)), shape("Circle central top", (1, 2)), template=soccer)
+    assert [k.field_m.round(6).tolist() for k in found.observations.keypoints] == [[0.0, -34.0], [0.0, -9.15]]
+    assert not found.warnings
+
+
 def test_meets_of_lines(soccer):
     found = read(
         shape("halfway_line x side_line_top", (7, 8)), shape("halfway_line x halfway_line", (1, 1)), template=soccer
