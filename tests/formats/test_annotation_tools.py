@@ -69,6 +69,16 @@ def test_cvat_counts_from_the_corner_and_knows_skeletons():
     assert "box" in frame.warnings[0]
 
 
+def test_cvat_turns_ellipses_clockwise_in_the_picture():
+    ellipse = '<ellipse label="Circle central" cx="50" cy="40" rx="20" ry="10" rotation="30.00"/>'
+    content = f'<annotations><image name="a.jpg" width="100" height="90">{ellipse}</image></annotations>'
+    (frame,) = cvat.read(FILE, content.encode(), None)
+    center, first, second = frame.shapes[0].points_px
+    assert center == pytest.approx([49.5, 39.5])
+    assert first - center == pytest.approx([20 * np.sqrt(0.75), 10.0])
+    assert second - center == pytest.approx([-5.0, 10 * np.sqrt(0.75)])
+
+
 def test_cvat_never_expands_entities():
     bomb = b'<?xml version="1.0"?><!DOCTYPE a [<!ENTITY b "bbbb"><!ENTITY c "&b;&b;">]><annotations>&c;</annotations>'
     outside = b'<!DOCTYPE a [<!ENTITY f SYSTEM "file:///etc/hostname">]><annotations>&f;</annotations>'
