@@ -9,7 +9,7 @@ import pytest
 
 from circlecal.config import Config, load_config
 from circlecal.errors import ConfigError, InputError
-from circlecal.evaluation.bench.detect import PROFILES, compare
+from circlecal.evaluation.bench.detect import compare
 from circlecal.field import load_field
 from circlecal.geometry.homography import compass_label
 from circlecal.geometry.projective import apply_homography, normalise_line, transform_lines
@@ -31,7 +31,7 @@ from circlecal.synthetic.cameras import aim_camera
 from circlecal.synthetic.looks import sample_config
 from circlecal.synthetic.markings import circle_points, line_points
 from circlecal.synthetic.renderer import Rendering, render
-from circlecal.synthetic.sampling import render_frame
+from circlecal.synthetic.sampling import SCENE_PROFILES, render_frame
 from circlecal.synthetic.scene import Scene
 
 CONFIG = Config()
@@ -216,7 +216,7 @@ def test_without_camera_and_line_there_is_no_answer(frames):
 
 def test_a_field_with_several_circles_is_answered_without_the_camera_stage():
     """Another circle than the first is tried there too, and nothing asks for a camera that no stage estimated."""
-    rendering = render_frame("ice", np.random.default_rng([0, 19, PROFILES.index("ice")]))
+    rendering = render_frame("ice", np.random.default_rng([0, 19, SCENE_PROFILES.index("ice")]))
     for setting in ("solver=great_axis", "camera.enabled=false"):
         found = run(rendering.image, load_config("ice-hockey", [setting]), frame_id="ice-19")
         assert found.attempt.camera is None
@@ -442,7 +442,7 @@ def test_an_interlaced_frame_is_calibrated_at_the_moment_between_its_halves(fram
 
 def test_a_face_off_circle_is_not_taken_for_the_centre_circle():
     """Its brackets look like a halfway line, but the other markings are not where they would have to be."""
-    rendering = render_frame("ice", np.random.default_rng([0, 19, PROFILES.index("ice")]))
+    rendering = render_frame("ice", np.random.default_rng([0, 19, SCENE_PROFILES.index("ice")]))
     found = run(rendering.image, load_config("ice-hockey", []), frame_id="ice-19")
     assert found.status == "calibrated"
     assert error_px(rendering, found) < 3.0

@@ -14,7 +14,15 @@ from circlecal.evaluation.aggregate import MethodComparisons, Summary, compare_f
 from circlecal.evaluation.bootstrap import Interval, bootstrap_mean
 from circlecal.evaluation.homography_metrics import HomographyScores, score_homography, template_homography
 from circlecal.evaluation.metres import errors_of_annotated_points, ground_errors
-from circlecal.evaluation.reading import Annotated, Prediction, is_central, read_annotated_points, read_predictions
+from circlecal.evaluation.reading import (
+    CENTRAL_CLASS,
+    HALFWAY_CLASS,
+    Annotated,
+    Prediction,
+    is_central,
+    read_annotated_points,
+    read_predictions,
+)
 from circlecal.evaluation.soccernet_metric import CLASSES
 from circlecal.formats.cameras import Size
 from circlecal.formats.worldcup import PICTURE
@@ -146,7 +154,7 @@ def _median_ground(method: MethodComparisons, predictions: Mapping[str, Predicti
         if frame in method.answered:
             errors.append(errors_of_annotated_points(classes, predictions[frame].camera))
         else:
-            count = sum(len(classes.get(name, ())) for name in ("Circle central", "Middle line"))
+            count = sum(len(classes.get(name, ())) for name in (CENTRAL_CLASS, HALFWAY_CLASS))
             errors.append(np.full(count, np.inf))
     joined = np.sort(np.concatenate(errors))
     return float(joined[len(joined) // 2]) if len(joined) else float("nan")

@@ -4,9 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from circlecal.evaluation.bench.detect import PROFILES
 from circlecal.pictures.graphics import Band, cover_bands, fill_bands, find_bands, lie_clear
-from circlecal.synthetic.sampling import render_frame
+from circlecal.synthetic.sampling import SCENE_PROFILES, render_frame
 
 TURF, BOX = (60, 130, 70), (120, 40, 30)
 
@@ -129,7 +128,7 @@ def test_a_box_right_below_another_one_is_found_too():
 
 def test_an_edge_that_two_boxes_share_may_step_in_colour_before_it_steps_in_grey():
     """The lower box ends on a crowd, and is wider: rows 146 to 149 step in colour, 147 and 148 in grey."""
-    rng = np.random.default_rng([9916, 97, PROFILES.index("world_banners")])
+    rng = np.random.default_rng([9916, 97, SCENE_PROFILES.index("world_banners")])
     image = render_frame("world_banners", rng, 1280, 720).image
     upper, lower = find_bands(image)
     assert (upper.top, upper.right) == (pytest.approx(128, abs=3), pytest.approx(972, abs=12))
@@ -294,7 +293,7 @@ def test_a_stripe_along_a_box_belongs_to_it_where_the_field_above_was_taken_for_
     """Between two boxes lies a strip of field; the lower one's stripe begins in row 515. Compressed, its edge steps
     in all rows from 514 to 519.
     """
-    rng = np.random.default_rng([9922, 196, PROFILES.index("world_banners")])
+    rng = np.random.default_rng([9922, 196, SCENE_PROFILES.index("world_banners")])
     image = render_frame("world_banners", rng, 1280, 720).image
     encoded = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 92])[1]
     upper, lower = find_bands(np.asarray(cv2.imdecode(encoded, cv2.IMREAD_COLOR), np.uint8))

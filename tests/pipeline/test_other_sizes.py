@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from circlecal.evaluation.bench.detect import PROFILES, compare, profile_config
+from circlecal.evaluation.bench.detect import compare, profile_config
 from circlecal.pipeline import run
-from circlecal.synthetic.sampling import render_frame
+from circlecal.synthetic.sampling import SCENE_PROFILES, render_frame
 
 
 def answer(profile, index, seed=9912):
     """The result and the truth of a rendered frame."""
-    rng = np.random.default_rng([seed, index, PROFILES.index(profile)])
+    rng = np.random.default_rng([seed, index, SCENE_PROFILES.index(profile)])
     rendered = render_frame(profile, rng, 1280, 720)
     return run(rendered.image, profile_config(profile, rendered.truth), frame_id=profile), rendered.truth
 

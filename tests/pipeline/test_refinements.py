@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 import circlecal
-from circlecal.evaluation.bench.detect import PROFILES
 from circlecal.observations import LinePoints, Observations
 from circlecal.pipeline import curves, refinements
 from circlecal.pipeline.refinements import MOST_ROUNDS, remeasure_wide_paint
 from circlecal.results import Attempt, Cues, LineCue, Segment
-from circlecal.synthetic.sampling import render_frame
+from circlecal.synthetic.sampling import SCENE_PROFILES, render_frame
 
 
 @pytest.mark.parametrize(
@@ -178,7 +177,9 @@ def test_short_lines_are_looked_for_where_a_usable_camera_leaves_a_size_open(
 
 def test_a_corner_of_the_penalty_area_settles_the_size_of_the_field():
     """A circle, a halfway line and a touchline leave the width open; the corner is 0.06 of the picture long."""
-    truth = render_frame("world_part", np.random.default_rng([9934, 158, PROFILES.index("world_part")]), 1280, 720)
+    truth = render_frame(
+        "world_part", np.random.default_rng([9934, 158, SCENE_PROFILES.index("world_part")]), 1280, 720
+    )
     frame = circlecal.calibrate(truth.image)
     assert frame.status == "calibrated"
     assert {"big_rect_left_main", "big_rect_left_top"} <= set(frame.attempt.camera.named_lines)

@@ -14,6 +14,7 @@ from circlecal.cli.bench.tables import Json, Seed, format_figure, print_record, 
 if TYPE_CHECKING:
     from circlecal.evaluation.bench.detect import ProfileRow
     from circlecal.evaluation.bench.sports import SportFrame, SportRow
+    from circlecal.synthetic.sampling import SceneProfile
 
 Profiles = Annotated[str, typer.Option(help="Profiles separated by commas; all when empty.")]
 Width = Annotated[
@@ -36,18 +37,26 @@ def detect(
     from dataclasses import asdict
 
     from circlecal.cli.console import count_steps
-    from circlecal.evaluation.bench.detect import PROFILES, run_profiles
+    from circlecal.evaluation.bench.detect import run_profiles
 
     if picture is not None:
         _time_picture(picture, as_json)
         return
-    names = split_names(profiles)
-    with count_steps("frame", len(names or PROFILES) * count) as advance:
+    names = _split_profiles(profiles)
+    with count_steps("frame", len(names) * count) as advance:
         found = run_profiles(names, count, seed, advance, width)
     if as_json:
         print_record([asdict(r) for r in found])
         return
     _print_profiles(found)
+
+
+def _split_profiles(text: str) -> list[SceneProfile]:
+    """Profiles of a list that is separated by commas; all where it is empty."""
+    from circlecal.synthetic.sampling import PROFILE_BY_NAME
+
+    names = split_names(text, "--profiles", PROFILE_BY_NAME)
+    return [PROFILE_BY_NAME[name] for name in names or PROFILE_BY_NAME]
 
 
 def _print_profiles(rows: list[ProfileRow]) -> None:
@@ -132,10 +141,9 @@ def constants(
 
     from circlecal.cli.console import count_steps
     from circlecal.evaluation.bench.constants import collect_answers, summarise_gates
-    from circlecal.evaluation.bench.detect import PROFILES
 
-    names = split_names(profiles)
-    with count_steps("frame", len(names or PROFILES) * count) as advance:
+    names = _split_profiles(profiles)
+    with count_steps("frame", len(names) * count) as advance:
         answers = collect_answers(names, count, seed, advance, width)
     rows = summarise_gates(answers)
     if as_json:

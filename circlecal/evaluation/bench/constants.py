@@ -12,14 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from circlecal.checks import CHECKS
-from circlecal.errors import ConfigError
-from circlecal.evaluation.bench.detect import GOOD_PX, PROFILES, WRONG_PX, compare, profile_config
+from circlecal.evaluation.bench.detect import GOOD_PX, WRONG_PX, compare, profile_config
 from circlecal.pipeline import field_of
 from circlecal.pipeline.other_circles import take_arcs
 from circlecal.pipeline.refinements import calibrate_scene
 from circlecal.pipeline.setting import Scene, Setting, frame_generator, prepare_scene
 from circlecal.results import Attempt, Check, Interpretation
-from circlecal.synthetic.sampling import PROFILE_BY_NAME, SceneProfile, render_frame
+from circlecal.synthetic.sampling import SCENE_PROFILES, SceneProfile, render_frame
 
 MOST_OTHERS = 3
 """Other interpretations of one picture that are looked at."""
@@ -77,20 +76,15 @@ class GateRow:
 
 
 def collect_answers(
-    names: Sequence[str], count: int, seed: int, advance: Callable[[str], None] = lambda _: None, width: int = 1920
+    profiles: Sequence[SceneProfile],
+    count: int,
+    seed: int,
+    advance: Callable[[str], None] = lambda _: None,
+    width: int = 1920,
 ) -> list[Answer]:
-    """Every answer, right or wrong, that the pipeline can give to ``count`` rendered frames of each profile.
-
-    Raises
-    ------
-    ConfigError
-        A profile is unknown.
-    """
-    unknown = [name for name in names if name not in PROFILE_BY_NAME]
-    if unknown:
-        raise ConfigError(f"--profiles: {', '.join(unknown)} is unknown; known: {', '.join(PROFILES)}")
+    """Every answer, right or wrong, that the pipeline can give to ``count`` rendered frames of each profile."""
     found: list[Answer] = []
-    for profile in [PROFILE_BY_NAME[name] for name in names] or PROFILES:
+    for profile in profiles:
         for index in range(count):
             found += _answers_to_frame(profile, seed, index, width)
             advance(profile)
@@ -98,7 +92,7 @@ def collect_answers(
 
 
 def _answers_to_frame(profile: SceneProfile, seed: int, index: int, width: int) -> list[Answer]:
-    rng = np.random.default_rng([seed, index, PROFILES.index(profile)])
+    rng = np.random.default_rng([seed, index, SCENE_PROFILES.index(profile)])
     rendering = render_frame(profile, rng, width, round(width * 9 / 16))
     truth, image = rendering.truth, rendering.image
     config = profile_config(profile, truth)

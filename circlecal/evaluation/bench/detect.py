@@ -10,17 +10,15 @@ import cv2
 import numpy as np
 
 from circlecal.config import Config, load_config
-from circlecal.errors import ConfigError
 from circlecal.evaluation.bench.chain_time import decoding_ms, time_run
 from circlecal.evaluation.bench.reachable import bound_px
 from circlecal.field import load_field
 from circlecal.geometry.camera_parameters import project
 from circlecal.geometry.projective import Array
 from circlecal.results import CameraFit
-from circlecal.synthetic.sampling import PROFILE_BY_NAME, SCENE_PROFILES, SceneProfile, profile_field, render_frame
+from circlecal.synthetic.sampling import SCENE_PROFILES, SceneProfile, profile_field, render_frame
 from circlecal.synthetic.truth import Truth
 
-PROFILES = SCENE_PROFILES
 RUNS, TIMED_FRAMES = 3, 20
 """Times are the best of this many runs on the same frame, and the median over so many frames of a profile: those that
 come after them are for the errors alone, and calibrated once.
@@ -93,19 +91,16 @@ class _FrameRow:
 
 
 def run_profiles(
-    names: Sequence[str],
+    profiles: Sequence[SceneProfile],
     count: int,
     seed: int,
     advance: Callable[[str], None] = lambda _: None,
     width: int = 1920,
 ) -> list[ProfileRow]:
     """Render, calibrate and compare ``count`` frames of each profile, 16:9 and so many pixels wide."""
-    unknown = [name for name in names if name not in PROFILE_BY_NAME]
-    if unknown:
-        raise ConfigError(f"--profiles: {', '.join(unknown)} is unknown; known: {', '.join(PROFILES)}")
     cv2.setNumThreads(1)
     rows = []
-    for profile in [PROFILE_BY_NAME[name] for name in names] or PROFILES:
+    for profile in profiles:
         frames = []
         for index in range(count):
             frames.append(_run_frame(profile, seed, index, width))
@@ -115,7 +110,7 @@ def run_profiles(
 
 
 def _run_frame(profile: SceneProfile, seed: int, index: int, width: int) -> _FrameRow:
-    rng = np.random.default_rng([seed, index, PROFILES.index(profile)])
+    rng = np.random.default_rng([seed, index, SCENE_PROFILES.index(profile)])
     rendering = render_frame(profile, rng, width, round(width * 9 / 16))
     encoded = cv2.imencode(".jpg", rendering.image, [cv2.IMWRITE_JPEG_QUALITY, 92])[1]
     image = np.asarray(cv2.imdecode(encoded, cv2.IMREAD_COLOR), dtype=np.uint8)

@@ -104,7 +104,7 @@ def readers(command: Command | None) -> list[Reader]:
         Reader("cameras.csv", _camera_lists, lambda path, _: read_cameras(path)),
         Reader("times", _times, lambda path, _: [Sampling.parse(*line.split(" ")[:3]) for line in _lines(path)]),
     ]
-    for known in (annotation_formats() | {}).values():
+    for known in annotation_formats().values():
         if known.write is not None:
             found.append(Reader(f"{known.name} annotation", _seeds_of(known), _read_format))
     for format_ in camera_formats().values():

@@ -15,6 +15,7 @@ import numpy as np
 
 from circlecal.config import Config, suit_config
 from circlecal.errors import InputError
+from circlecal.evaluation.bench.detect import CHI2_90, GOOD_PX, WRONG_PX
 from circlecal.evaluation.clip_truth import ClipTruth, read_clip_truth
 from circlecal.field.view import FieldView
 from circlecal.geometry.camera import Camera
@@ -32,12 +33,8 @@ from circlecal.tracking.records import RecordForm, record_of_track, theta_of_vie
 from circlecal.tracking.results import TrackedFrame
 from circlecal.tracking.survey import survey_clip
 
-GOOD_PX, WRONG_PX = 5.0, 20.0
-"""Mean errors up to and beyond which a frame counts as good and as wrong, pixels at 1920 px width."""
 GRID_M = 3.0
 """Step of the grid over the pitch on which errors are taken."""
-CHI2_90 = 4.605
-"""90 % point of chi-square with two degrees of freedom."""
 SECOND_DIFFERENCE = float(np.sqrt(6.0))
 """Standard deviation of a second difference of independent values of unit variance: 1 + 4 + 1 under the root."""
 T = TypeVar("T")

@@ -6,16 +6,17 @@ import numpy as np
 import pytest
 
 from circlecal.config import Config, load_config
-from circlecal.errors import ConfigError
 from circlecal.evaluation.bench import detect
-from circlecal.evaluation.bench.detect import PROFILES, compare, profile_config, run_profiles
+from circlecal.evaluation.bench.detect import compare, profile_config, run_profiles
 from circlecal.pipeline import run
-from circlecal.synthetic.sampling import render_frame
+from circlecal.synthetic.sampling import SCENE_PROFILES, render_frame
 
 
-def test_unknown_profiles_are_named():
-    with pytest.raises(ConfigError, match=r"--profiles: moon is unknown; known: easy"):
-        run_profiles(["moon"], 1, 0)
+@pytest.mark.parametrize("command", ["detect", "constants"])
+def test_unknown_profiles_are_named(run_circlecal, command):
+    outcome = run_circlecal("bench", command, "--profiles", "easy,moon")
+    assert outcome.code == 2
+    assert "--profiles: moon is unknown; known: easy, " in " ".join(outcome.err.split())
 
 
 def test_two_profiles(run_circlecal, monkeypatch):
@@ -48,7 +49,7 @@ def test_two_profiles(run_circlecal, monkeypatch):
     assert (negative.calibrated, negative.wrong) == (0.0, 0.0)
     assert easy.right == negative.right == 1.0
     assert np.isnan(negative.median_px)
-    assert {"easy", "negative", "hidden_mark"} <= set(PROFILES)
+    assert {"easy", "negative", "hidden_mark"} <= set(SCENE_PROFILES)
     assert easy.wrong_kinds == negative.wrong_kinds == {}
 
 

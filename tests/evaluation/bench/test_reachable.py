@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from circlecal.config import Config, load_config
-from circlecal.evaluation.bench.detect import PROFILES, predict_error_px, profile_config
+from circlecal.evaluation.bench.detect import predict_error_px, profile_config
 from circlecal.evaluation.bench.reachable import bound_px, visible_observations
 from circlecal.field import load_field
 from circlecal.observations import Observations
 from circlecal.pipeline import run_observations
 from circlecal.synthetic.paint import CIRCLE_CLASS, HALFWAY_CLASS
-from circlecal.synthetic.sampling import render_frame
+from circlecal.synthetic.sampling import SCENE_PROFILES, render_frame
 
 SOCCER = load_field("soccer")
 
@@ -67,7 +67,7 @@ def test_a_circle_alone_leaves_the_rotation_free(truth):
 @pytest.fixture(scope="module")
 def rink():
     """A rink of which a goal line's paint lies beside the template's."""
-    return render_frame("rink", np.random.default_rng([8282, 69, PROFILES.index("rink")]), 1280, 720).truth
+    return render_frame("rink", np.random.default_rng([8282, 69, SCENE_PROFILES.index("rink")]), 1280, 720).truth
 
 
 def test_displaced_paint_is_seen_where_it_lies(rink):
