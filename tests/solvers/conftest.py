@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from circlecal.evaluation.bench.reprojection import mean_reprojection_error, reprojection_grid
+from circlecal.evaluation.bench.reprojection import grid_in_view, mean_reprojection_error
 from circlecal.evaluation.bench.scenarios import faceoff_camera, hockey, soccer
 from circlecal.evaluation.bench.solver_scenarios import solver_scenarios
 from circlecal.geometry.projective import apply_homography, lift
@@ -44,10 +44,7 @@ def stated(seen, sigma):
 
 def error_px(result, camera, template):
     assert result.H_image_field is not None, result
-    grid = reprojection_grid(
-        camera.homography, camera.width, camera.height, template.length_m / 2, template.width_m / 2
-    )
-    return mean_reprojection_error(camera.homography, result.H_image_field, grid)
+    return mean_reprojection_error(camera.homography, result.H_image_field, grid_in_view(camera, template))
 
 
 def circle_under(H, name, template, *, edge="outer", count=24, noise_px=0.0, rng=None, scale=1.0):

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from circlecal.evaluation.bench.accuracy import mahalanobis, truth_grid
+from circlecal.evaluation.bench.accuracy import mahalanobis
 from circlecal.evaluation.bench.bounds import bound_covariance, bound_errors
+from circlecal.evaluation.bench.reprojection import grid_in_view
 from circlecal.evaluation.bench.scenarios import KNOWN, Draw, select_rows
 from circlecal.geometry.camera_parameters import ProjectionModel, theta_of
 from circlecal.geometry.homography import transfer_errors
@@ -23,7 +24,7 @@ def pooled():
         for index in range(16):
             rng = np.random.default_rng([11, index])
             draw = scenario.draw(rng)
-            grid = truth_grid(draw, scenario.template)
+            grid = grid_in_view(draw.camera, scenario.template)
             fit = estimate_camera(draw.observations, scenario.template, scenario.circle, draw.config)
             bound = bound_errors(draw.camera, bound_of(draw, scenario), grid, 200, rng).mean()
             error = transfer_errors(fit.H_image_field, grid, draw.camera.project(grid)).mean()

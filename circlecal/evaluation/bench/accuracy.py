@@ -14,9 +14,9 @@ from circlecal.errors import EstimationError
 from circlecal.evaluation.bench.bounds import bound_covariance, bound_errors
 from circlecal.evaluation.bench.joint_conic import joint_conic
 from circlecal.evaluation.bench.many_frames import RigScenario, rig_scenarios, run_draw, select_rigs
-from circlecal.evaluation.bench.reprojection import mean_reprojection_error, reprojection_grid
+from circlecal.evaluation.bench.reprojection import grid_in_view, mean_reprojection_error
 from circlecal.evaluation.bench.scenarios import Draw, Scenario, row_names, select_rows, soccer
-from circlecal.field import Circle, FieldTemplate
+from circlecal.field import Circle
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.concentric import imaged_center
 from circlecal.geometry.conic_fits import fit_conic
@@ -86,7 +86,7 @@ def run_row(scenario: Scenario, draws: int, seed: int, advance: Callable[[str], 
     for index in range(draws):
         rng = np.random.default_rng([seed, index])
         draw = scenario.draw(rng)
-        grid = truth_grid(draw, scenario.template)
+        grid = grid_in_view(draw.camera, scenario.template)
         covariance = bound_covariance(
             draw.camera, draw.crown_m, draw.observations, scenario.template, scenario.circle, draw.config
         )
@@ -112,20 +112,12 @@ def run_row(scenario: Scenario, draws: int, seed: int, advance: Callable[[str], 
 
 def run_rig_row(scenario: RigScenario, draws: int, seed: int, advance: Callable[[str], None] = lambda _: None) -> Row:
     """Rows for frames of one camera that are calibrated together; each draw is one camera."""
-    template, circle = soccer()
+    _, circle = soccer()
     found = []
     inside: dict[str, list[bool]] = {}
     for index in range(draws):
         rng = np.random.default_rng([seed, index])
-        drawn = run_draw(
-            scenario,
-            rng,
-            BOUND_DRAWS,
-            lambda draw, fit: mean_reprojection_error(
-                draw.camera.homography, fit.H_image_field, truth_grid(draw, template)
-            ),
-            lambda draw: truth_grid(draw, template),
-        )
+        drawn = run_draw(scenario, rng, BOUND_DRAWS)
         found.append(drawn)
         for draw, fit in zip(drawn.draws, drawn.fits, strict=True):
             for name, value in mahalanobis(draw, fit, circle).items() if fit is not None else ():
@@ -178,12 +170,6 @@ def _row(
         by_offset=_by_offset(np.array(offsets), error),
         ms=float(np.median(seconds) * 1e3),
     )
-
-
-def truth_grid(draw: Draw, template: FieldTemplate) -> Array:
-    """Field points over a 0.5 m grid inside the frame."""
-    half = template.length_m / 2, template.width_m / 2
-    return reprojection_grid(draw.camera.homography, draw.camera.width, draw.camera.height, *half)
 
 
 def _ratio(errors: Array, bounds: Array) -> tuple[float, float]:
@@ -244,7 +230,7 @@ def closed_forms(draws: int, seed: int) -> list[tuple[str, float]]:
         rng = np.random.default_rng([seed, index])
         camera = sample_camera("main", rng)
         H = camera.homography
-        grid = reprojection_grid(H, camera.width, camera.height, template.length_m / 2, template.width_m / 2)
+        grid = grid_in_view(camera, template)
         o, direction = np.zeros(2), np.array([0.0, 1.0])
         outer = transform_conic(H, circle_conic(o, template.radius(circle, "outer")))
         inner = transform_conic(H, circle_conic(o, template.radius(circle, "inner")))

@@ -7,7 +7,7 @@ estimated from all of them, and every frame is calibrated again under what the o
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +19,7 @@ from circlecal.camera.rig_options import RigConfig
 from circlecal.config import Config
 from circlecal.errors import EstimationError
 from circlecal.evaluation.bench.bounds import bound_errors
+from circlecal.evaluation.bench.reprojection import grid_in_view, mean_reprojection_error
 from circlecal.evaluation.bench.scenarios import KNOWN, PRIORS, Draw, soccer
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.camera_parameters import INDEX, POSITION, ProjectionModel, camera_of, theta_of
@@ -90,8 +91,8 @@ def select_rigs(names: Sequence[str]) -> list[RigScenario]:
 
 @dataclass(frozen=True, slots=True)
 class RigDraw:
-    """Frames of one camera: the truth and its observations, the error (inf for none), what the bound lets expect
-    (K draws), and the calibration of each, and the time of one frame in seconds.
+    """Frames of one camera: of each the truth and its observations, the error (px; inf for none), what the bound lets
+    expect (K draws, px) and the calibration; and the time of one frame in seconds.
     """
 
     draws: list[Draw]
@@ -101,24 +102,23 @@ class RigDraw:
     seconds: float
 
 
-def run_draw(
-    scenario: RigScenario,
-    rng: np.random.Generator,
-    bound_draws: int,
-    error: Callable[[Draw, CameraFit], float],
-    grid: Callable[[Draw], Array],
-) -> RigDraw:
+def run_draw(scenario: RigScenario, rng: np.random.Generator, bound_draws: int) -> RigDraw:
     """One camera of a scenario: truth, estimates and bound."""
+    template, _ = soccer()
     draws, turning = _draws(scenario, rng)
     covariances = _bound_covariances(draws, turning_of(scenario.rig), turning)
+    grids = [grid_in_view(draw.camera, template) for draw in draws]
     bounds = [
-        bound_errors(draw.camera, covariance, grid(draw), bound_draws, rng)
-        for draw, covariance in zip(draws, covariances, strict=True)
+        bound_errors(draw.camera, covariance, grid, bound_draws, rng)
+        for draw, covariance, grid in zip(draws, covariances, grids, strict=True)
     ]
     start = time.perf_counter()
     fits = calibrate_together([draw.observations for draw in draws], scenario.config, scenario.rig)
     seconds = (time.perf_counter() - start) / len(draws)
-    errors = [np.inf if fit is None else error(draw, fit) for draw, fit in zip(draws, fits, strict=True)]
+    errors = [
+        np.inf if fit is None else mean_reprojection_error(draw.camera.homography, fit.H_image_field, grid)
+        for draw, fit, grid in zip(draws, fits, grids, strict=True)
+    ]
     return RigDraw(draws, errors, bounds, fits, seconds)
 
 

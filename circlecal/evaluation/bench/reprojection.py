@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from circlecal.field import FieldTemplate
+from circlecal.geometry.camera import Camera
 from circlecal.geometry.projective import Array, apply_homography, lift
 
 
@@ -29,6 +31,12 @@ def reprojection_grid(
         uv = image[:, :2] / image[:, 2:]
     inside = (image[:, 2] * sign > 0) & (uv >= 0).all(axis=1) & (uv[:, 0] <= width - 1) & (uv[:, 1] <= height - 1)
     return grid[inside]
+
+
+def grid_in_view(camera: Camera, template: FieldTemplate) -> Array:
+    """The points (N, 2) of :func:`reprojection_grid` for a camera over a field."""
+    half = template.length_m / 2, template.width_m / 2
+    return reprojection_grid(camera.homography, camera.width, camera.height, *half)
 
 
 def mean_reprojection_error(H_true: ArrayLike, H_estimate: ArrayLike, field_points: ArrayLike) -> float:

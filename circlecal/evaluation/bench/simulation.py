@@ -19,7 +19,7 @@ import numpy as np
 from circlecal.batch.workers import map_on_workers
 from circlecal.errors import ConfigError
 from circlecal.evaluation.bench.bounds import bound_covariance, bound_errors
-from circlecal.evaluation.bench.reprojection import mean_reprojection_error, reprojection_grid
+from circlecal.evaluation.bench.reprojection import grid_in_view, mean_reprojection_error
 from circlecal.evaluation.bench.solver_scenarios import PAPER_SCENARIOS, Seen, SolverScenario, select_scenarios
 from circlecal.files import write_atomic
 from circlecal.geometry.camera import Camera
@@ -126,10 +126,7 @@ def rows_of_camera(task: tuple[SimulationPlan, str, int]) -> list[SimulationRow]
     plan, name, index = task
     scenario = select_scenarios((name,))[0]
     camera = scenario.camera(np.random.default_rng([plan.seed, index]))
-    template = scenario.template
-    grid = reprojection_grid(
-        camera.homography, camera.width, camera.height, template.length_m / 2, template.width_m / 2
-    )
+    grid = grid_in_view(camera, scenario.template)
     rows = []
     for noise in plan.noises_px:
         noise_px = scenario.usual_noise_px if noise is None else noise

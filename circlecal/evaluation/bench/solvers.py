@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from circlecal.evaluation.bench.reprojection import mean_reprojection_error, reprojection_grid
+from circlecal.evaluation.bench.reprojection import grid_in_view, mean_reprojection_error
 from circlecal.evaluation.bench.scenarios import soccer
 from circlecal.evaluation.bench.simulation import SimulationPlan, Summary, simulate, summarise
 from circlecal.evaluation.bench.solver_scenarios import EDGES, select_scenarios
@@ -188,7 +188,7 @@ def _paper_case_two(draws: int, seed: int) -> Statement:
         rng = np.random.default_rng([seed, index])
         camera = sample_camera("main", rng)
         H = camera.homography
-        grid = reprojection_grid(H, camera.width, camera.height, template.length_m / 2, template.width_m / 2)
+        grid = grid_in_view(camera, template)
         conic = transform_conic(H, circle_conic(np.zeros(2), template.radius(circle, "outer")))
         point = np.array([3.0, -5.0])
         for matrix, errors in ((conic, printed), (np.asarray(np.linalg.inv(conic)), corrected)):
