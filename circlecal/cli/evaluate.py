@@ -97,7 +97,7 @@ def evaluate(
         record = {"size": size, "threshold_px": threshold, "methods": [as_record(r) for r in reports]}
         console.print_json(json.dumps(record))
         return
-    print_methods(f"SoccerNet calibration, {size}", reports, threshold)
+    print_methods(f"SoccerNet calibration, {size}, JaC, precision and recall in %", reports, threshold)
     for report in reports:
         _print_classes(report, threshold)
 
@@ -232,7 +232,7 @@ def print_truth(reports: Sequence[TruthReport]) -> None:
     """Print one row per method: means, medians, metres."""
     from circlecal.cli import console
 
-    columns = ["method", "answered", "IoU part %", "IoU whole %", "projection", "reprojection"]
+    columns = ["method", "answered", "IoU part %", "IoU whole %", "projection, of 100 x 60", "reprojection, heights"]
     columns += ["ground m median", "ground m 90 %"]
     rows = []
     for report in reports:

@@ -27,8 +27,11 @@ SAME_PAINT_PX = 8.0
 markings of a pitch that are nearer to each other in a picture are too far away to be named.
 """
 _BENT_POINTS, _CONIC_POINTS = 6, 6
+"""Fewer points of a line are taken for a straight one, and fewer of a circle for no ellipse."""
 _GRID = 24, 14
+"""Columns and rows of pixels at which two cameras are compared."""
 _BEYOND_M = 5.0
+"""Pixels that show the ground further outside the field are not compared."""
 
 
 @dataclass(frozen=True, slots=True)

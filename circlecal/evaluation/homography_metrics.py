@@ -17,11 +17,13 @@ from circlecal.geometry.homography import dlt
 from circlecal.geometry.projective import Array
 
 TEMPLATE = (115, 74)
+"""Length and width, yards; what follows is as in the published code."""
 PROJECTION_SCALE = (100.0 / 115.0, 60.0 / 74.0)
 PROJECTION_SAMPLES = 2501
 REPROJECTION_FIELD = (114.83, 74.37)
 REPROJECTION_GRID = (13, 7)
 _MIN_POINTS, _MAX_POINTS = 8, 200
+"""Of the field in view, from which the homography nearest to a camera is found, at least and about at most."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,12 +15,11 @@ REACH_M = 18.3
 """Twice the radius of the circle."""
 _RADIUS_M = 9.15
 _STEP_M = 1.0
-_ITERATIONS = 12
-_SETTLED_PX = 1e-6
-_DERIVATIVE_STEP_M = 1e-2
-"""Distance of the grid's points, Newton steps at most, the error in pixels at which they end, and the step of their
-difference quotients.
-"""
+"""Between the grid's points."""
+_ITERATIONS, _LONGEST_STEP_M, _DERIVATIVE_STEP_M = 12, 20.0, 1e-2
+"""Newton steps at most, how long one may be, and the step of their difference quotients."""
+_SETTLED_PX, _FOUND_PX = 1e-6, 0.05
+"""Error at which the steps end, and below which what they reach is an answer: a good camera errs by far more."""
 
 
 def field_positions(camera: Projector, pixels: Array, starts_m: Array) -> Array:
@@ -39,8 +38,8 @@ def field_positions(camera: Projector, pixels: Array, starts_m: Array) -> Array:
         step = np.zeros_like(position)
         step[regular] = np.linalg.solve(jacobian[regular], offset[regular][..., None])[..., 0]
         length = np.linalg.norm(step, axis=1, keepdims=True)
-        position = position + step * np.minimum(1.0, 20.0 / np.maximum(length, 1e-12))
-    return np.where((error < 0.05)[:, None], position, np.nan)
+        position = position + step * np.minimum(1.0, _LONGEST_STEP_M / np.maximum(length, 1e-12))
+    return np.where((error < _FOUND_PX)[:, None], position, np.nan)
 
 
 def _project(camera: Projector, positions: Array) -> Array:

@@ -63,7 +63,7 @@ def _print_accuracy(rows: list[Row]) -> None:
     )
     offsets = rows[0].by_offset.keys()
     print_rows(
-        "Median by the camera's offset from the halfway plane",
+        "Median, px, by the camera's offset from the halfway plane",
         [r for r in rows if r.by_offset.keys() == offsets],
         {"row": lambda r: r.row, **{offset: partial(_format_offset, offset) for offset in offsets}},
     )

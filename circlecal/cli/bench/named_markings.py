@@ -49,7 +49,7 @@ def _print_annotations(rows: list[AnnotationRow]) -> None:
     for name, kind in dict.fromkeys((r.set_name, r.frames_kind) for r in rows):
         chosen = [r for r in rows if (r.set_name, r.frames_kind) == (name, kind)]
         print_rows(
-            f"{name}: {chosen[0].frames} {words.get(kind, kind)}, 1920x1080, misses as 0",
+            f"{name}: {chosen[0].frames} {words.get(kind, kind)}, 1920x1080, JaC in %, misses as 0",
             chosen,
             {
                 "method": lambda r: r.method,

@@ -53,8 +53,8 @@ class AnnotationRow:
     """One method with one input on one set; JaC at 5 and 10 px of 1920 x 1080, misses as 0.
 
     ``frames_kind`` says which frames count: one of ``KINDS``;
-    ``held_out_px`` is the median distance of the elements other than circle and halfway line, which only the first two
-    inputs keep from circlecal; ``ahead`` the paired difference to the first peer's JaC at 5 px.
+    ``held_out_px`` is the median distance of the elements other than circle and halfway line, which the inputs of all
+    lines and of detections do not keep from circlecal; ``ahead`` the paired difference to the first peer's JaC at 5 px.
     """
 
     set_name: str

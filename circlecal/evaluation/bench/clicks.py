@@ -66,8 +66,8 @@ Truth = dict[str, Array]
 
 @dataclass(frozen=True, slots=True)
 class ClickRow:
-    """One frame: where it is from, what the chain said, how many clicks it took (None: given up), what was done, and
-    the time from a change to its answer, ms.
+    """One frame: where it is from, what the chain said, how many clicks it took (None: given up), what was done, the
+    time from a change to its answer, ms, and the width of the picture, pixels.
     """
 
     group: str

@@ -24,8 +24,8 @@ from circlecal.rig.estimation import config_with_prior, estimate_rigs
 from circlecal.rig.frames import frame_of_calibration
 
 INPUT = "circle and halfway line; camera of the match from its other frames"
-LEAST_FRAMES = 4
-"""Shorter runs of frames are no match."""
+LEAST_FRAMES, _MOST_FRAMES = 4, 60
+"""Shorter runs of frames are no match; longer ones are not looked for, which keeps the search short."""
 _RATIO, _LOG_DISTANCE, _WORST = 0.005, 0.03, 3.0
 """Scatter of height over distance and of the logarithm of the distance within a match, and the most that one frame
 counts.
@@ -33,7 +33,8 @@ counts.
 _NEW_MATCH = 4.0
 """What a further match must explain."""
 _LEAST_SHARE = 0.8
-"""Of a set's frames in matches; a set of single frames has no match, but runs that look alike by chance."""
+"""Of a set's frames in matches, four in five; a set of single frames has no match, but runs that look alike by chance.
+"""
 _TOO_DIFFERENT = 1.3
 """Mean deviation within a run from which on it is none."""
 
@@ -49,7 +50,8 @@ def matches(positions: Mapping[str, Array]) -> list[list[str]]:
     Returns
     -------
     list of list of str
-        Frames of each match; runs shorter than ``LEAST_FRAMES`` are left out. None where most frames are in no match.
+        Frames of each match; runs shorter than ``LEAST_FRAMES`` are left out. Empty where less than four frames in
+        five are in a match.
     """
     # a camera of a match stands on the side of the main camera
     positions = {name: seen[(seen[:, 1] > 1.0) & (seen[:, 2] < 0.0)] for name, seen in positions.items()}
@@ -62,7 +64,7 @@ def matches(positions: Mapping[str, Array]) -> list[list[str]]:
     best, cut = np.full(count + 1, np.inf), np.zeros(count + 1, dtype=int)
     best[0] = 0.0
     for end in range(1, count + 1):
-        for start in range(max(0, end - 60), end):
+        for start in range(max(0, end - _MOST_FRAMES), end):
             own = np.concatenate(features[start:end])
             cost = np.minimum(np.abs(own - np.median(own, axis=0)), _WORST).sum() / (2 * len(own)) * (end - start)
             if best[start] + cost + _NEW_MATCH < best[end]:

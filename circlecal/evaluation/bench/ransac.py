@@ -21,7 +21,9 @@ OUTLIER_SHARES = ((0.1, 0.5), (0.3, 0.5), (0.5, 0.5), (0.6, 0.5), (0.5, 1.0))
 SPEED_POINTS = 800
 SKIMAGE_TRIALS = 5
 OUTLIER_BAND_PX = 25.0
+"""Standard deviation of the outliers about the ellipse, across it."""
 LEG_CLUSTERS = 6
+"""Places on the ellipse at which the other outliers stand, as legs of players do: 20 px wide and 90 px high."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,10 +21,13 @@ CIRCLE_SIGMA_PX, LINE_SIGMA_PX, CORRELATION_PX = 0.05, 0.08, 60.0
 neighbouring points repeat of each other's error.
 """
 MARK_SIGMA_PX = 0.4
+"""Of a spot, pixels at 1920 px width."""
 _SPACING_PX = 4.0
+"""Between points along a marking, pixels at 1920 px width: what they repeat of each other's error is in their noise."""
 _STEP_M, _SOCCER_RADIUS_M = 0.02, 9.15
 """Between places along a marking of a soccer field, metres; as much smaller on others as their circle is."""
 _DRAWS = 400
+"""Over which the expected error is averaged."""
 
 
 def bound_px(truth: Truth, grid_m: Array, template: FieldTemplate, config: CameraConfig) -> float:

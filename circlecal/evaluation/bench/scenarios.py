@@ -52,8 +52,8 @@ class Draw:
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """One row: number, title, the template's marking width, how a draw is made, and the figures to reach (median,
-    90th percentile).
+    """One row: number, title, how a draw is made, the figures to reach (median, 90th percentile, px; infinite and None
+    where none is set), and the field and circle that the estimator is told.
     """
 
     row: str

@@ -30,6 +30,7 @@ CSV_NAME = "simulate.csv"
 COLUMNS = ("solver", "scenario", "noise_px", "camera", "status", "mre_px", "bound_px")
 LARGEST_NOISE_PX = 1000.0
 BOUND_DRAWS = 64
+"""Errors that are drawn at the bound for each truth; their median is taken."""
 OK = "ok"
 
 

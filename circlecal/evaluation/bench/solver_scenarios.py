@@ -31,13 +31,16 @@ from circlecal.synthetic.markings import (
 from circlecal.synthetic.views import CameraProfile
 
 EDGES: tuple[CircleEdge, ...] = ("outer", "inner")
-PAPER_POINTS = 8
-DENSE_POINTS = 200
+PAPER_POINTS, DENSE_POINTS = 8, 200
+"""On each edge: in the paper's study, and as many as a detector gives."""
 TRUE_WIDTH_M = 0.12
+"""Of the paint in the view whose solvers are told the paper's 8 cm: the most that the Laws allow."""
 LENS_KAPPA = 0.0038
+"""Of half the width; 0.005 of half the diagonal."""
 PRINCIPAL_POINT_SD_PX = 10.0
 OUTLIERS = 0.3
 LEAST_SIGMA_PX = 0.01
+"""Told at least where no line is seen: the camera's fit then starts far from its end."""
 _ATTEMPTS = 5000
 
 
@@ -84,7 +87,7 @@ def _plain(observations: Observations) -> Seen:
 
 
 def _raise_sigmas(observations: Observations, least_px: float) -> Observations:
-    """Observations with sigmas of at least ``least_px``: without a line the camera's fit starts far from its end."""
+    """Observations with sigmas of at least ``least_px``."""
     return replace(
         observations,
         circles=tuple(replace(c, sigma_px=np.maximum(c.sigma_px, least_px)) for c in observations.circles),

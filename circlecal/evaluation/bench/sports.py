@@ -175,7 +175,8 @@ def _mean_distance(here: Array, there: Array) -> float:
 class SportRow:
     """Counts over the frames of one sport, or of all: how many were answered, with the right sport; how many name the
     right sport, refused ones too; how many were answered rightly (within :data:`GOOD_PX` of the reference, of those
-    with one), wrongly; and the median and largest seconds.
+    with one), wrongly; how many were answered as if the first template had been named (those that are not of it count
+    as kept); and the median and largest seconds.
     """
 
     sport: str
