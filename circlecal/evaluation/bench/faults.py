@@ -77,7 +77,7 @@ def run_kills(
     """
     rng = np.random.default_rng(seed)
     rows = {phase: KillRow(phase) for phase in ("before the first frame", "among the frames", "after the last frame")}
-    ended = wrong = 0
+    wrong = 0
     with tempfile.TemporaryDirectory(prefix="circlecal-faults-") as name:
         folder = Path(name)
         pictures = _paint(folder / "frames", frames)
@@ -92,31 +92,29 @@ def run_kills(
             except subprocess.TimeoutExpired:
                 run.send_signal(signal.SIGKILL)
                 run.communicate()
-                row = rows[_check_kill(out, before, frames, rows)]
-                row.kills += 1
                 done += 1
-                advance(row.phase)
+                advance(_note_kill(rows, out, before, frames).phase)
                 continue
-            ended += 1
             wrong += not _is_right_end(run.returncode, said, out, frames)
             number += 1
             out = folder / f"out{number}"
-        said, _ = _start(pictures, out, workers).communicate(timeout=_PATIENCE_S)
-        ended += 1
-        wrong += not _is_right_end(1, said, out, frames)
-    return KillReport(list(rows.values()), ended, wrong)
+        run = _start(pictures, out, workers)
+        said, _ = run.communicate(timeout=_PATIENCE_S)
+        wrong += not _is_right_end(run.returncode, said, out, frames)
+    return KillReport(list(rows.values()), number + 1, wrong)
 
 
-def _check_kill(out: Path, before: list[str], frames: int, rows: dict[str, KillRow]) -> str:
-    """Take what a kill did into the row of its phase, and return that phase."""
+def _note_kill(rows: dict[str, KillRow], out: Path, before: list[str], frames: int) -> KillRow:
+    """The row of the phase of a kill, with what that did."""
     after, damaged = _ids(out)
     first, among, last = rows
     phase = first if len(after) == len(before) < frames else last if len(after) == frames else among
     row = rows[phase]
+    row.kills += 1
     row.lost += len(set(before) - set(after))
     row.doubled += sum(count - 1 for count in Counter(after).values())
     row.damaged += damaged
-    return phase
+    return row
 
 
 def _is_right_end(code: int, said: bytes, out: Path, frames: int) -> bool:
@@ -158,7 +156,7 @@ def _paint(folder: Path, count: int) -> Path:
 
 def _start(pictures: Path, out: Path, workers: int) -> subprocess.Popen[bytes]:
     surroundings = {**os.environ, "PYTHONPATH": str(Path(circlecal.__file__).parents[1])}
-    command = [sys.executable, "-m", "circlecal.cli", "batch", str(pictures), "--out", str(out)]
+    command = [sys.executable, "-m", "circlecal", "batch", str(pictures), "--out", str(out)]
     return subprocess.Popen(
         [*command, "--workers", str(workers)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=surroundings
     )

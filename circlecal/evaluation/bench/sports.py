@@ -20,7 +20,7 @@ import numpy as np
 
 from circlecal.api.calls import calibrate_picture
 from circlecal.config import AUTO, Config, load_config
-from circlecal.errors import ConfigError, InputError
+from circlecal.errors import InputError
 from circlecal.field import field_names, load_field
 from circlecal.field.view import FieldView
 from circlecal.files import read_text
@@ -92,17 +92,18 @@ def run_frames(
     chosen = load_config(config, {"field.template": AUTO})
     rows = []
     for name in both:
-        rows.append(_run_frame(name, named[name], _read_truth(told[name]), chosen))
+        rows.append(_run_frame(name, named[name], told[name], chosen))
         advance(name)
     return rows
 
 
-def _run_frame(name: str, picture: Path, truth: dict[str, Any], config: Config) -> SportFrame:
+def _run_frame(name: str, picture: Path, told_by: Path, config: Config) -> SportFrame:
+    truth = _read_truth(told_by)
+    sport = sport_of(told_by, truth)
     image = read_image(picture)
     start = time.perf_counter()
     found = calibrate_picture(image, config, frame_id=name)
     seconds = time.perf_counter() - start
-    sport = sport_of(truth)
     usual = load_field(config.field.among[0])
     kept = None
     if sport == usual.sport:
@@ -140,15 +141,22 @@ def _read_truth(path: Path) -> dict[str, Any]:
     return content
 
 
-def sport_of(truth: dict[str, Any]) -> str:
-    """The sport that a truth file names, as the templates call it."""
+def sport_of(path: Path, truth: dict[str, Any]) -> str:
+    """The sport that a truth file names, as the templates call it.
+
+    Raises
+    ------
+    InputError
+        No template is of that sport.
+    """
     field = truth.get("field")
     name = truth.get("sport") or (field if isinstance(field, str) else "soccer")
     if name in field_names():
         return load_field(name).sport or str(name)
-    if name in {load_field(known).sport for known in field_names()}:
+    known = sorted({str(load_field(field_name).sport) for field_name in field_names()})
+    if name in known:
         return str(name)
-    raise ConfigError(f"sport {name!r} is unknown")
+    raise InputError(f"{path}: sport: {name!r} is unknown; known: {', '.join(known)}, and the fields of them")
 
 
 def _error_px(found: FrameCalibration, truth: dict[str, Any]) -> float | None:

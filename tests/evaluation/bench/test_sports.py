@@ -1,13 +1,14 @@
 """Frames whose field nobody names, against what truth files say of them."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from circlecal.cli.app import app
-from circlecal.errors import ConfigError, InputError
+from circlecal.errors import InputError
 from circlecal.evaluation.bench import sports
 from circlecal.evaluation.bench.sports import SportFrame, run_frames, sport_of, summarise_sports
 
@@ -75,8 +76,9 @@ def test_a_frame_that_shows_no_field_need_not_be_told(told, expect, is_told):
 
 
 def test_sports_are_named_as_templates_name_them():
-    assert sport_of({"field": "ice-hockey"}) == sport_of({"sport": "ice-hockey"}) == "ice hockey"
-    assert sport_of({"sport": "robocup"}) == "robot soccer"
-    assert sport_of({"field": {"length": 28}}) == "soccer"
-    with pytest.raises(ConfigError, match="is unknown"):
-        sport_of({"sport": "chess"})
+    path = Path("truth") / "a.json"
+    assert sport_of(path, {"field": "ice-hockey"}) == sport_of(path, {"sport": "ice-hockey"}) == "ice hockey"
+    assert sport_of(path, {"sport": "robocup"}) == "robot soccer"
+    assert sport_of(path, {"field": {"length": 28}}) == "soccer"
+    with pytest.raises(InputError, match=r"a\.json: sport: 'chess' is unknown; known: .*basketball"):
+        sport_of(path, {"sport": "chess"})
