@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -114,8 +113,12 @@ def readers(command: Command | None) -> list[Reader]:
 
 def _commands(run: Command) -> Iterator[Reader]:
     quick = [word for setting in QUICK for word in ("--set", setting)]
+    size = ["--size", "{}x{}".format(*SIZE)]
     given: dict[str, tuple[Callable[[], Sequence[Seed]], Callable[[Path, Path], list[str]]]] = {
-        "calibrate": (_all_annotations, lambda path, out: [str(path), "--out", str(out), "--to", "soccernet", *quick]),
+        "calibrate": (
+            _all_annotations,
+            lambda path, out: [str(path), *size, "--out", str(out), "--to", "soccernet", *quick],
+        ),
         "calibrate PICTURE": (_pictures, lambda path, out: [str(path), "--out", str(out), "--no-overlay"]),
         "calibrate --camera-prior": (_priors, lambda path, out: [*_small(out), "--camera-prior", str(path)]),
         "calibrate --venue": (_venues, lambda path, out: [*_small(out), "--venue", str(path)]),
@@ -123,14 +126,14 @@ def _commands(run: Command) -> Iterator[Reader]:
         "calibrate --field": (_fields, lambda path, out: [*_small(out), "--field", str(path)]),
         "config": (_configs, lambda path, out: ["--config", str(path)]),
         "project": (_results, lambda path, out: [str(path), "--to", "field", "640", "360", "10", "10"]),
-        "convert": (_all_files, lambda path, out: [str(path), "--to", "coco", "--out", str(out)]),
+        "convert": (_all_annotations, lambda path, out: [str(path), *size, "--to", "coco", "--out", str(out)]),
         "convert to cameras": (_camera_files, lambda path, out: [str(path), "--to", "tvcalib", "--out", str(out)]),
         "report": (_logs, lambda path, out: [str(path), "--out", str(out / "report")]),
         "rig": (_logs, lambda path, out: [str(path), "--out", str(out), "--workers", "1"]),
-        "audit": (_all_annotations, lambda path, out: [str(path), "--size", "1280x720"]),
+        "audit": (_keypoints, lambda path, out: [str(path), *size]),
         "debug": (_pictures, lambda path, out: [str(path), "--out", str(out)]),
         "track": (_videos, lambda path, out: [str(path), "--out", str(out), "--workers", "1"]),
-        "project --points": (_points, lambda path, out: [_result_file(out), "--to", "field", "--points", str(path)]),
+        "project --points": (_points, lambda path, out: [_results_log(out), "--to", "field", "--points", str(path)]),
     }
     for name, (seeds, arguments) in given.items():
         yield Reader(f"circlecal {name}", seeds, _command_reader(run, name.split()[0], arguments), 4)
@@ -165,11 +168,11 @@ def _small(out: Path) -> list[str]:
     return [str(path), "--out", str(out), "--no-overlay"]
 
 
-def _result_file(out: Path) -> str:
-    """A result file."""
-    path = out / "stored.json"
+def _results_log(out: Path) -> str:
+    """Results of the frames a, b and c."""
+    path = out / "results.jsonl"
     out.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(_results()[0].content)
+    path.write_bytes(_logs()[0].content)
     return str(path)
 
 
@@ -342,11 +345,11 @@ def _camera_lists() -> list[Seed]:
 
 
 def _points() -> list[Seed]:
-    return [Seed(".csv", b"frame,x,y\na,640,360\na,10.5,-3\nb,1e3,inf\n")]
+    return [Seed(".csv", b"frame,x,y\na,640,360\na,10.5,-3\nb,1e3,0\n")]
 
 
 def _times() -> list[Seed]:
-    return [Seed(".txt", b"1s 0:10 0:20\n25 12:00 57:30\n500ms 0 1\n")]
+    return [Seed(".txt", b"1s 0:10 0:20\n25 12:00 57:30\n500ms 0 1")]
 
 
 def _seeds_of(known: AnnotationFormat | CameraFormat) -> Callable[[], Sequence[Seed]]:
@@ -368,11 +371,11 @@ def _all_annotations() -> list[Seed]:
     return [seed for known in annotation_formats().values() for seed in _seeds_of(known)()]
 
 
+def _keypoints() -> Sequence[Seed]:
+    return _seeds_of(annotation_formats()["pnlcalib"])()
+
+
 @cache
 def _camera_files() -> list[Seed]:
-    return [seed for known in camera_formats().values() for seed in _seeds_of(known)()]
-
-
-@cache
-def _all_files() -> list[Seed]:
-    return [*_all_annotations(), *_camera_files(), *_results(), Seed(".json", json.dumps({"a": 1}).encode())]
+    found = [seed for known in camera_formats().values() for seed in _seeds_of(known)()]
+    return [*found, *_results()]
