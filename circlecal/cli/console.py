@@ -146,14 +146,17 @@ words in its last column.
 
 
 def print_summaries(summaries: Sequence[FrameSummary]) -> None:
-    """Print one row per frame, and what helps against the refusals: once for each reason, in a pipe in every row."""
+    """Print one row per frame, pixels at 1920 px width, and what helps against the refusals: once for each reason, in a
+    pipe in every row.
+    """
     from rich.console import Console
 
     from circlecal.refusals import explain
 
-    columns = ("id", "verdict", "case", "sigma px", "rms px", "reason")
+    columns = ("id", "verdict", "case", "sigma px at 1920", "rms px at 1920", "reason")
     rows = [
-        (s.id, s.status, number(s.case, 0), number(s.sigma_px), number(s.rms_px), s.reason or "") for s in summaries
+        (s.id, s.status, number(s.case, 0), number(s.sigma_1920_px), number(s.rms_1920_px), s.reason or "")
+        for s in summaries
     ]
     helps = [explain(s.code).help if s.code else "" for s in summaries]
     console = Console()
@@ -162,10 +165,11 @@ def print_summaries(summaries: Sequence[FrameSummary]) -> None:
         return
     if console.width < LEAST_COLUMNS:
         for name, status, case, sigma, rms, reason in rows:
-            told = f"{name}: {status}, case {case}, sigma {sigma} px, rms {rms} px{': ' * bool(reason)}{reason}"
+            sure = f"sigma {sigma} px, rms {rms} px at 1920 px width"
+            told = f"{name}: {status}, case {case}, {sure}{': ' * bool(reason)}{reason}"
             console.print(show(told), highlight=False, markup=False)
     else:
-        print_table(None, columns, rows)
+        print_table(None, [name.replace(" at ", "\nat ") for name in columns], rows)
     for text in dict.fromkeys(filter(None, helps)):
         frames = [s.id for s, its in zip(summaries, helps, strict=True) if its == text]
         named = ", ".join(frames[:_NAMED]) + f" and {len(frames) - _NAMED} more" * (len(frames) > _NAMED)

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from circlecal.records.summary import FrameSummary
 
-_VERSION = 3
+_VERSION = 4
 _PAGE = 1000
 _LAST_ID = "\U0010ffff" * 4
 """After every id."""
@@ -118,7 +118,10 @@ def _open(path: Path) -> sqlite3.Connection:
             database.execute("PRAGMA synchronous = OFF")
             if database.execute("PRAGMA user_version").fetchone()[0] not in (0, _VERSION):
                 raise sqlite3.DatabaseError("of another version")
-            kinds = {c.name: "REAL" for c in fields(FrameSummary) if "float" in str(c.type)} | {"case": "INTEGER"}
+            kinds = {c.name: "REAL" for c in fields(FrameSummary) if "float" in str(c.type)} | {
+                "case": "INTEGER",
+                "width_px": "INTEGER",
+            }
             columns = ", ".join(f'"{name}" {kinds.get(name, "TEXT")}' for name in _COLUMNS)
             database.execute(f"CREATE TABLE IF NOT EXISTS frames ({columns}, PRIMARY KEY (id)) WITHOUT ROWID")
             database.execute("CREATE TABLE IF NOT EXISTS covered (one INTEGER PRIMARY KEY, bytes INTEGER, digest TEXT)")

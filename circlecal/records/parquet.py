@@ -15,7 +15,7 @@ from circlecal.files import replacement
 from circlecal.names import as_text
 from circlecal.records.parts import Number
 from circlecal.records.record import ResultRecord
-from circlecal.records.summary import summarise
+from circlecal.records.summary import at_usual_width, summarise
 
 PARQUET_NAME = "results.parquet"
 PARQUET_FORMAT = "parquet"
@@ -41,6 +41,10 @@ def _of(*names: str | int) -> _Read:
 def _matrix(record: ResultRecord) -> list[Number] | None:
     rows = record.H_image_field
     return None if rows is None else [value for row in rows for value in row]
+
+
+def _sigma_at_usual_width(record: ResultRecord) -> Number:
+    return None if record.camera is None else at_usual_width(record.camera.max_sigma_px, record.picture_width)
 
 
 _COLUMNS: dict[str, tuple[str, _Read]] = {
@@ -80,6 +84,7 @@ _COLUMNS: dict[str, tuple[str, _Read]] = {
     "imaged_center_x_px": ("double", _of("imaged_center", 0)),
     "imaged_center_y_px": ("double", _of("imaged_center", 1)),
     "max_sigma_px": ("double", _of("camera", "max_sigma_px")),
+    "max_sigma_1920_px": ("double", _sigma_at_usual_width),
     "max_sigma_m": ("double", _of("camera", "max_sigma_m")),
     "rms_px": ("double", lambda record: summarise(record).rms_px),
     "time_ms": ("double", lambda record: summarise(record).time_ms),

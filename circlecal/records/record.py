@@ -10,10 +10,10 @@ nothing of the rest, which is most of it.
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, cast
 
 import numpy as np
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, Field, ValidationError, ValidatorFunctionWrapHandler, WrapValidator
 
 from circlecal.field.view import FieldView
 from circlecal.geometry.camera import PlaneCamera
@@ -65,6 +65,14 @@ def _is_near(check: CheckRecord) -> bool:
     return abs(value - limit) <= NEAR_SHARE * abs(limit)
 
 
+def _leave_out_damage(part: object, read: ValidatorFunctionWrapHandler) -> ImageRecord | None:
+    """A picture's size as it is read; None where it is damaged, since a row is worth reading without."""
+    try:
+        return cast(ImageRecord | None, read(part))
+    except ValidationError:
+        return None
+
+
 class ResultRow(RecordPart):
     """Of a record, what tables of many frames need."""
 
@@ -72,6 +80,7 @@ class ResultRow(RecordPart):
     version: Text | None = None
     id: Text
     source: SourceRecord | None = None
+    image: Annotated[ImageRecord | None, WrapValidator(_leave_out_damage)] = None
     field: FieldRecord | None = None
     status: Status
     code: Text | None = None
@@ -99,6 +108,16 @@ class ResultRow(RecordPart):
     def estimated_camera(self) -> CameraRow | None:
         """The camera, also one that the verdict did not trust."""
         return self.camera or (self.rejected_estimate.camera if self.rejected_estimate else None)
+
+    @property
+    def picture_width(self) -> int | None:
+        """Width of the picture, pixels; where the record does not say it, that of one whose middle is where the
+        camera's lens points, and None where there is no camera either.
+        """
+        if self.image is not None:
+            return self.image.width
+        middle = None if self.estimated_camera is None else self.estimated_camera.principal_point[0]
+        return None if middle is None or not 0.0 <= middle < 2.0**30 else round(2.0 * middle) + 1
 
 
 class ResultRecord(ResultRow):

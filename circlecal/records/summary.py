@@ -19,8 +19,10 @@ class FrameSummary:
     """One row; numbers are None where there is none.
 
     ``rms_px`` is that of the fitted ellipse's inliers, ``sigma_px`` the largest predicted standard deviation near the
-    circle; ``time_s`` is the time in the video; position and focal length are the camera's, metres and pixels;
-    ``annotation`` is the digest of the annotation that was used, ``mask`` the mask beside the picture and its size.
+    circle, both in pixels of the picture, which is ``width_px`` wide; ``sigma_1920_px`` is sigma at 1920 px width,
+    which alone compares pictures of several sizes; ``time_s`` is the time in the video; position and focal length are
+    the camera's, metres and pixels; ``annotation`` is the digest of the annotation that was used, ``mask`` the mask
+    beside the picture and its size.
     """
 
     id: str
@@ -41,24 +43,39 @@ class FrameSummary:
     focal_px: float | None = None
     annotation: str | None = None
     mask: str | None = None
+    width_px: int | None = None
+    sigma_1920_px: float | None = None
+
+    @property
+    def rms_1920_px(self) -> float | None:
+        """``rms_px`` at 1920 px width."""
+        return at_usual_width(self.rms_px, self.width_px)
+
+
+def at_usual_width(length_px: float | None, width_px: int | None) -> float | None:
+    """A length in a picture so wide, at 1920 px width; None where one of them is not known."""
+    return None if length_px is None or not width_px else length_px * 1920.0 / width_px
 
 
 def summarise(record: ResultRow) -> FrameSummary:
     """The row of a record."""
     camera, ellipses, timings = record.estimated_camera, record.ellipses, record.timings_ms
-    reason = record.reason
+    reason, width_px = record.reason, record.picture_width
+    sigma_px = None if camera is None else camera.max_sigma_px
     return FrameSummary(
         id=record.id,
         status=record.status,
         code=record.code,
         case=record.case,
         rms_px=None if ellipses is None or ellipses.found is None else ellipses.found.rms_px,
-        sigma_px=None if camera is None else camera.max_sigma_px,
+        sigma_px=sigma_px,
         time_ms=timings.get("total", sum(time or 0.0 for time in timings.values())) if timings else None,
         reason=reason and as_text(reason),
         time_s=None if record.source is None else record.source.time_s,
         annotation=record.annotation,
         mask=None if record.source is None else record.source.mask_label,
+        width_px=width_px,
+        sigma_1920_px=at_usual_width(sigma_px, width_px),
         **_camera_columns(record.camera),
     )
 

@@ -65,7 +65,7 @@ class Comparison:
         Its row there.
     apart_px : float or None
         Root mean square distance between the markings as both cameras draw them, where this run's camera sees them,
-        pixels; None where one has no camera.
+        pixels at 1920 px width; None where one has no camera.
     """
 
     change: Change
@@ -91,8 +91,7 @@ def compare(row: FrameRow, scene: Scene | None, other: FrameRow | None, other_sc
     if not row.calibrated:
         return Comparison(Change.ALIKE, other, apart)
     own, theirs = row.sigma_px, other.sigma_px
-    width = 1920.0 if scene is None else float(scene.width)
-    allowed = max(MOVED_PX * width / 1920.0, MOVED_SIGMAS * float(np.hypot(own or 0.0, theirs or 0.0)))
+    allowed = max(MOVED_PX, MOVED_SIGMAS * float(np.hypot(own or 0.0, theirs or 0.0)))
     if apart is not None and apart > allowed:
         return Comparison(Change.MOVED, other, apart)
     if own is None or theirs is None or SURER * theirs <= own <= theirs / SURER:
@@ -101,7 +100,9 @@ def compare(row: FrameRow, scene: Scene | None, other: FrameRow | None, other_sc
 
 
 def distance_px(one: Scene | None, other: Scene | None) -> float | None:
-    """Root mean square distance of the markings drawn by two cameras, pixels of the first; None without two cameras."""
+    """Root mean square distance of the markings drawn by two cameras in the first one's picture, pixels at 1920 px
+    width; None without two cameras.
+    """
     if one is None or other is None or one.view is None or other.view is None or one.template is None:
         return None
     places = np.concatenate(list(one.template.polylines(1.0).values()))
@@ -110,7 +111,7 @@ def distance_px(one: Scene | None, other: Scene | None) -> float | None:
     seen = seen[:: max(1, len(seen) // PLACES)]
     scale = np.array([one.width / other.width, one.height / other.height])
     off = drawn[seen] - ((other.view.project(places[seen]) + 0.5) * scale - 0.5)
-    squares = (off * off).sum(axis=1)
+    squares = (off * off).sum(axis=1) * (1920.0 / one.width) ** 2
     return float(np.sqrt(squares.mean())) if len(squares) and np.isfinite(squares).all() else None
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from circlecal.overlay.page_view import describe_view, sigma_grid
-from circlecal.overlay.quality import rate_sigma
+from circlecal.overlay.quality import USUAL_WIDTH, rate_sigma
 from circlecal.overlay.radar import radar_half
 from circlecal.overlay.template_lines import count_sigma_from_seen
 from circlecal.records.parts import CameraRecord
@@ -68,9 +68,9 @@ def _against(compared: Comparison | None) -> Iterator[tuple[str, str]]:
         return
     yield "there", "calibrated" if compared.other.calibrated else f"refused: {compared.other.code}"
     if compared.other.sigma_px is not None:
-        yield "sigma there", f"{short(compared.other.sigma_px)} px"
+        yield "sigma there", f"{short(compared.other.sigma_px)} px at 1920 px width"
     if compared.apart_px is not None:
-        yield "cameras apart", f"{short(compared.apart_px)} px rms over the markings in view"
+        yield "cameras apart", f"{short(compared.apart_px)} px at 1920 px width, rms over the markings in view"
 
 
 def _camera_estimate(record: ResultRecord) -> CameraRecord | None:
@@ -92,11 +92,14 @@ def _facts(record: ResultRecord, row: FrameRow) -> Iterator[tuple[str, str]]:
         yield "case", _CASES.get(row.case, str(row.case))
     if row.sigma_px is not None:
         metres = "" if row.sigma_m is None else f", {short(row.sigma_m)} m"
-        rated = "" if record.image is None else f", {rate_sigma(row.sigma_px, record.width)}"
-        yield "predicted sigma", f"{short(row.sigma_px)} px{metres} (largest{rated})"
+        rated = rate_sigma(row.sigma_px, int(USUAL_WIDTH))
+        yield "predicted sigma", f"{short(row.sigma_px)} px at 1920 px width{metres} (largest, {rated})"
     if row.rms_px is not None:
         arc = None if fit is None else fit.arc_degrees
-        yield "ellipse", f"{short(row.rms_px)} px rms" + (f" over {arc:.0f}°" if arc is not None else "")
+        yield (
+            "ellipse",
+            f"{short(row.rms_px)} px rms at 1920 px width" + (f" over {arc:.0f}°" if arc is not None else ""),
+        )
     if camera is not None:
         yield from _camera(camera)
         yield "lines", _list(camera.named_lines)

@@ -194,7 +194,7 @@ class Timeline:
 
     @property
     def sigma_range(self) -> tuple[float, float] | None:
-        """Smallest and largest of the columns' positive sigmas, pixels."""
+        """Smallest and largest of the columns' positive sigmas, pixels at 1920 px width."""
         known = [column.sigma_px for column in self.columns if column.sigma_px]
         return (min(known), max(known)) if known else None
 

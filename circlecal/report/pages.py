@@ -316,9 +316,15 @@ def _reasons(rows: list[FrameRow]) -> Iterator[dict[str, Any]]:
 
 
 def _histograms(rows: list[FrameRow]) -> list[tuple[str, str, str, Histogram, str]]:
+    at = "at 1920 px width"
     wanted = (
-        ("Predicted sigma", "px", "Largest predicted standard deviation of the field around what is seen.", "sigma_px"),
-        ("Residual", "px", "Rms distance of the circle's points from the fitted ellipse.", "rms_px"),
+        (
+            "Predicted sigma",
+            "px",
+            f"Largest predicted standard deviation of the field near what is seen, {at}.",
+            "sigma_px",
+        ),
+        ("Residual", "px", f"Rms distance of the circle's points from the fitted ellipse, {at}.", "rms_px"),
         ("Time", "ms", "Calibration time per frame, all stages; median of all frames.", "time_ms"),
     )
     found = []

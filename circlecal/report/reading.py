@@ -22,7 +22,8 @@ class FrameRow:
     """What the summary and the list of frames need of one record.
 
     ``sigma_px`` and ``sigma_m`` are the largest predicted standard deviations near the circle, ``rms_px`` that of the
-    fitted ellipse's inliers; None where there is none. ``camera`` and ``alone`` (the verdict before) are those of
+    fitted ellipse's inliers, both at 1920 px width, since pictures of a run may differ in size; None where there is
+    none. ``camera`` and ``alone`` (the verdict before) are those of
     ``circlecal rig``. ``pan_deg`` and ``focal_px`` are the camera's, None for a refused frame, ``shot`` counts the
     shots of a clip that was tracked, ``position_m`` is where its camera stands: x, y and height, and ``bytes`` was the
     size of the picture's or video's file.
@@ -159,9 +160,9 @@ def _row(record: ResultRow) -> FrameRow:
         stage=record.stage,
         reason=summary.reason,
         case=summary.case,
-        sigma_px=summary.sigma_px,
+        sigma_px=summary.sigma_1920_px,
         sigma_m=None if camera is None else camera.max_sigma_m,
-        rms_px=summary.rms_px,
+        rms_px=summary.rms_1920_px,
         time_ms=summary.time_ms,
         path=record.path,
         time_s=None if source is None else source.time_s,

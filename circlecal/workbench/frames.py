@@ -270,9 +270,7 @@ def _row_of(record: ResultRow) -> ListedFrame:
     url = path if is_url(path) else None
     file = PictureFile(record.id, Path(path), record.id, time_s=time_s, url=url)
     sigma = None if camera is None else camera.max_sigma_px
-    middle = None if camera is None else camera.principal_point[0]
-    width = 1920 if middle is None else round(2.0 * middle) + 1
-    return ListedFrame(file).with_verdict(record.status, record.code, sigma, width)
+    return ListedFrame(file).with_verdict(record.status, record.code, sigma, record.picture_width or 1920)
 
 
 def tell_pixels(frame: PictureFile, limits: LimitsConfig) -> PictureFile:

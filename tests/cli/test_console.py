@@ -139,10 +139,16 @@ def test_a_narrow_terminal_tells_frames_in_sentences(monkeypatch):
     written = io.StringIO()
     terminal = Console(file=written, force_terminal=True, width=40, color_system=None)
     monkeypatch.setattr("rich.console.Console", lambda: terminal)
-    told = FrameSummary("a_frame", "refused", "too_uncertain", 1, 0.2, 52.9, 9.0, "too little is seen to know it")
-    console.print_summaries([told, FrameSummary("ok", "calibrated", None, None, None, 2.0, 9.0, None)])
+    wide = {"width_px": 960, "sigma_1920_px": 52.9}
+    told = FrameSummary(
+        "a_frame", "refused", "too_uncertain", 1, 0.1, 26.45, 9.0, "too little is seen to know it", **wide
+    )
+    ok = FrameSummary("ok", "calibrated", None, None, None, 1.0, 9.0, None, width_px=960, sigma_1920_px=2.0)
+    console.print_summaries([told, ok])
     words = " ".join(written.getvalue().split())
-    assert "a_frame: refused, case 1, sigma 52.90 px, rms 0.20 px: too little is seen to know it" in words
-    assert "ok: calibrated, case -, sigma 2.00 px, rms - px" in words
+    assert (
+        "a_frame: refused, case 1, sigma 52.90 px, rms 0.20 px at 1920 px width: too little is seen to know it" in words
+    )
+    assert "ok: calibrated, case -, sigma 2.00 px, rms - px at 1920 px width" in words
     assert "What helps (a_frame):" in words
     assert max(map(len, written.getvalue().splitlines())) <= 40

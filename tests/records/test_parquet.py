@@ -42,6 +42,7 @@ def test_every_frame_is_a_row(run_circlecal, results, tmp_path):
     camera = found["good"]["camera"]
     assert [good[f"position_{axis}_m"] for axis in "xyz"] == camera["position_meters"]
     assert (good["focal_x_px"], good["max_sigma_px"]) == (camera["x_focal_length"], camera["max_sigma_px"])
+    assert good["max_sigma_1920_px"] == pytest.approx(camera["max_sigma_px"] * 1920 / good["width"])
     assert (good["crown_shape"], good["crown_radius_m"]) == (camera["crown_shape"], camera["crown_radius_m"])
     size = camera["field_size"]
     assert (good["length_m"], good["width_m"]) == (size["length_m"], size["width_m"])

@@ -184,6 +184,8 @@ def test_summary_of_every_kind(calibrated, refused, template):
     assert (row.x_m, row.y_m, row.height_m) == pytest.approx(camera.position_m * (1.0, 1.0, -1.0))
     assert (row.pan_deg, row.tilt_deg, row.roll_deg) == pytest.approx((pan, tilt, roll))
     assert (row.focal_px, row.sigma_px) == pytest.approx((camera.focal_px[0], fit.max_sigma_px))
+    assert row.sigma_1920_px == pytest.approx(fit.max_sigma_px * 1920 / camera.width)
+    assert row.rms_1920_px == pytest.approx(row.rms_px * 1920 / row.width_px)
     row = summarise(result_record(refused, template))
     assert (row.status, row.code, row.case) == ("refused", refused.verdict.code, None)
 

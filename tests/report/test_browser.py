@@ -129,8 +129,8 @@ def test_all_frames_are_there_in_order(page):
         ("verdict", "refused", [NASTY, "f3", "f4", "v3"]),
         ("reason", "too_uncertain", ["f4"]),
         ("case", "3", ["f2"]),
-        ("from", "9", ["f1", "f10"]),
-        ("to", "2.5", ["f2"]),
+        ("from", "18", ["f1", "f10"]),  # of pictures of 960 px width, whose sigma is 9 px of their own
+        ("to", "5", ["f2"]),
         ("camera", "camera-1", ["f10"]),
         ("rig", "gained", ["f10"]),
         ("change", "1", ["f1"]),
@@ -281,8 +281,10 @@ def test_the_page_computes_metres_and_sigma_as_python_does(page, report, wide_le
         place, sigma = own.to_field(pixel, sigma=True)
         np.testing.assert_allclose(numbers[:2], pixel, atol=1.0)
         np.testing.assert_allclose(numbers[2:4], place, atol=0.05)
-        np.testing.assert_allclose(numbers[4], own.project(place, sigma=True).sigma, rtol=0.1)
-        np.testing.assert_allclose(numbers[5], sigma, rtol=0.1)
+        sigma_px = own.project(place, sigma=True).sigma * 1920 / own.camera.width
+        np.testing.assert_allclose(numbers[4], sigma_px, rtol=0.1)
+        np.testing.assert_allclose(numbers[6], sigma, rtol=0.1)
+        assert " px at 1920 px width, " in text
     assert page.run("return document.querySelector('#radar .here').checkVisibility()")
     page.press("m")
     assert page.run("return document.querySelector('#stage .heat').checkVisibility()")
@@ -414,7 +416,7 @@ def test_every_moment_of_the_timeline_opens_its_frame(page):
     assert page.run(f"return {TITLE}").startswith("v2 ")
     page.press("Escape")
     page.wait(f"!{OPEN}")
-    assert "0:02, v2: calibrated, sigma 5 px" in page.run("return document.querySelectorAll('.moment')[1].textContent")
+    assert "0:02, v2: calibrated, sigma 10 px" in page.run("return document.querySelectorAll('.moment')[1].textContent")
     page.run(f"document.querySelector('{pictures}').focus()")
     page.press("ArrowRight", "ArrowRight")
     assert page.run("return document.activeElement.getAttribute('aria-valuetext')").startswith("f2: calibrated")

@@ -62,8 +62,8 @@ def test_cameras_that_contradict_each_other(tmp_path, changed):
     other = rows(tmp_path / "other", [changed("a", degrees=0.5, sigma_px=1.0)])["a"]
     found = compare(*own, *other)
     assert found.change == Change.MOVED
-    # half a degree of pan moves what is seen by nearly as many pixels everywhere
-    focal = own[1].view.camera.focal_px[0]
+    # half a degree of pan moves what is seen by nearly as many pixels everywhere; the picture is 960 px wide
+    focal = own[1].view.camera.focal_px[0] * 1920 / 960
     assert found.apart_px == pytest.approx(focal * 0.00873, rel=0.1)
     assert distance_px(own[1], own[1]) == pytest.approx(0.0, abs=1e-9)
 

@@ -21,10 +21,27 @@ def test_pictures_in_the_order_of_their_numbers_then_videos_by_time(tmp_path, na
 
 def test_a_row_has_the_figures_of_its_record(tmp_path, good_record):
     (row,) = read_run(write_run(tmp_path, [good_record])).rows
-    assert row.sigma_px == good_record["camera"]["max_sigma_px"]
+    assert row.sigma_px == pytest.approx(2.0 * good_record["camera"]["max_sigma_px"])  # 960 px wide
     assert row.sigma_m == good_record["camera"]["max_sigma_m"]
     assert row.case == 1
-    assert row.rms_px > 0
+    assert row.rms_px == pytest.approx(2.0 * good_record["ellipses"][good_record["ellipses"]["primary"]]["rms_px"])
+
+
+def test_pictures_of_several_sizes_are_compared_at_one_width(tmp_path, named):
+    """A frame of 960 px width, and one of twice the size that is known equally well: its sigma has twice the pixels."""
+    large = named("large", 8.0, image={"width": 1920, "height": 1080, "aspect": 1.0})
+    rows = read_run(write_run(tmp_path, [named("small", 4.0), large])).rows
+    assert [row.sigma_px for row in rows] == [8.0, 8.0]
+
+
+def test_a_record_that_does_not_say_its_picture_size_has_that_of_its_lens(tmp_path, named):
+    old = named("old", 4.0)
+    middle = old["camera"]["principal_point"][0]
+    del old["image"]
+    nowhere = named("nowhere", 4.0, camera={**old["camera"], "principal_point": [1e30, None]}) | {"image": None}
+    rows = {row.id: row for row in read_run(write_run(tmp_path, [old, nowhere])).rows}
+    assert rows["old"].sigma_px == pytest.approx(4.0 * 1920.0 / round(2.0 * middle + 1.0))
+    assert middle == pytest.approx(479.5, abs=10.0) and rows["nowhere"].sigma_px is None
 
 
 def test_records_are_found_again(tmp_path, named):

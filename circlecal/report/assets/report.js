@@ -126,7 +126,7 @@
     if (range) element("range").textContent = `only ${cell("id", range[0])} to ${cell("id", Math.min(range[1], run.columns.id.length - 1))} – show all`;
     element("bar").hidden = !bar;
     if (bar) {
-      const [name, unit] = { sigma_px: ["sigma", "px"], rms_px: ["residual", "px"], time_ms: ["time", "ms"] }[bar[0]];
+      const [name, unit] = { sigma_px: ["sigma", "px at 1920 px width"], rms_px: ["residual", "px at 1920 px width"], time_ms: ["time", "ms"] }[bar[0]];
       element("bar").textContent = `only ${name} ${bar[1] === null ? "below" : `${short(bar[1])} to`} ${bar[2] === null ? "any" : short(bar[2])} ${unit} – show all`;
     }
     element("ids").disabled = !shown.length;
@@ -150,7 +150,7 @@
     });
     const left = shown.length > MOST_PRINTED ? `; the first ${MOST_PRINTED} of them here` : "";
     const caption = make("caption", { textContent: `${element("count").textContent}${left}` });
-    const heads = ["frame", "verdict", "reason or case", "sigma, px"].map((text, n) => make("th", { scope: "col", className: n === 3 ? "number" : "", textContent: text }));
+    const heads = ["frame", "verdict", "reason or case", "sigma, px at 1920"].map((text, n) => make("th", { scope: "col", className: n === 3 ? "number" : "", textContent: text }));
     element("printed").replaceChildren(caption, ...(shown.length > PER_PAGE ? [make("thead", {}, make("tr", {}, ...heads)), make("tbody", {}, ...rows)] : []));
   };
   const turn = (wantedPage, focusAt) => {

@@ -83,7 +83,7 @@ circlecalPage.Stage = class {
     const read = (values) => sigma && circlecalCamera.atGrid(sigma, values, width, height, x, y);
     const px = read(sigma?.px), m = read(sigma?.m);
     const where = field ? `: ${circlecalCamera.tell(field)}` : view ? ": above the field" : "";
-    const spread = !field || px === null ? "" : `, sigma ${circlecalPage.short(px)} px${m === null ? "" : `, ${circlecalPage.short(m)} m`}`;
+    const spread = !field || px === null ? "" : `, sigma ${circlecalPage.short(px * 1920 / width)} px at 1920 px width${m === null ? "" : `, ${circlecalPage.short(m)} m`}`;
     this.hooks.under(`${x.toFixed(0)}, ${y.toFixed(0)} px${where}${spread}`, field);
   }
   showHeat(on) {
