@@ -14,7 +14,8 @@ from circlecal.batch.inputs import choose_work, digest_annotations_of
 from circlecal.batch.run import BatchProgress, run_batch
 from circlecal.batch.workers import cpu_count
 from circlecal.config import Config
-from circlecal.formats.annotation import ANNOTATION_FOLDER, require_annotations
+from circlecal.formats.annotation import ANNOTATION_FOLDER
+from circlecal.formats.unpacking import annotations_in
 from circlecal.pipeline import field_of
 from circlecal.records.log import RESULTS_NAME
 
@@ -48,15 +49,15 @@ def calibrate_batch(
     Parameters
     ----------
     inputs : path, or sequence of them
-        Pictures, videos, annotation files, folders of them, patterns, numbered sequences (``x_%04d.png``), lists
-        (``x.txt``).
+        Pictures, videos, annotation files, folders or ZIPs of them, patterns, numbered sequences (``x_%04d.png``),
+        lists (``x.txt``).
     out : path
         Folder of ``results.jsonl`` and ``summary.csv``.
     config, field, set : optional
         As for :func:`circlecal.calibrate`.
     mask, keypoints, annotations : path, optional
-        Folders of masks, of keypoints, and of what was named in the workbench; the last is ``annotations`` in ``out``
-        where it is not given.
+        Folders of masks, of keypoints, and of what was named in the workbench; the last may be a ZIP, and is
+        ``annotations`` in ``out`` where it is not given.
     every, start, end : optional
         What is taken of videos, as for :func:`circlecal.calibrate_video`.
     files : bool
@@ -83,14 +84,13 @@ def calibrate_batch(
     chosen, folder = configure(config, field, set), Path(out)
     field_of(chosen)
     named = [inputs] if isinstance(inputs, str | os.PathLike) else list(inputs)
-    if annotations is not None:
-        require_annotations(Path(annotations))
+    named_in = annotations_in(None if annotations is None else Path(annotations), folder)
     run = FrameRun(
         chosen,
         out=folder if files else None,
         mask=None if mask is None else Path(mask),
         keypoints=None if keypoints is None else Path(keypoints),
-        annotations=folder / ANNOTATION_FOLDER if annotations is None else Path(annotations),
+        annotations=named_in or folder / ANNOTATION_FOLDER,
     )
     work = choose_work([str(name) for name in named], run, folder, (every, start, end), _log.warning, _log.warning)
     is_taken_up = not restart and (folder / RESULTS_NAME).is_file()

@@ -22,6 +22,7 @@ from circlecal.formats.inputs import (
     split_inputs,
 )
 from circlecal.formats.registry import annotation_suffixes, read_annotations
+from circlecal.formats.unpacking import is_archive, unpack_archives
 from circlecal.pictures.files import NoFramesError, PictureFile, distinct_names, find_frames
 from circlecal.pictures.inputs import VIDEO_SUFFIXES, Inputs, expand_inputs
 from circlecal.pictures.remote import url_names
@@ -114,7 +115,7 @@ def choose_frames_and_videos(
     InputError
         Nothing was found that can be read.
     """
-    named = expand_frames(inputs, run)
+    named = expand_frames(inputs, run, out, note)
     names = distinct_names([path.stem for path in named.videos])
     videos = []
     for video, name in zip(named.videos, names, strict=True):
@@ -140,12 +141,22 @@ def choose_frames_and_videos(
     return frames, videos
 
 
-def expand_frames(inputs: Sequence[str], run: FrameRun) -> Inputs:
-    """What is named. In a folder of videos annotations are frames only where the user names their format: mostly they
-    are what a command wrote of the videos.
+def expand_frames(inputs: Sequence[str], run: FrameRun, out: Path, note: Callable[[str], None]) -> Inputs:
+    """What is named; of ZIPs the folders in ``out`` into which they were unpacked. In a folder of videos annotations
+    are frames only where the user names their format: mostly they are what a command wrote of the videos.
+
+    Raises
+    ------
+    InputError
+        As :func:`circlecal.pictures.inputs.expand_inputs` and :func:`circlecal.formats.unpacking.unpack_archives`.
     """
     is_named = run.format_name is not None and run.keypoints is None
-    return expand_inputs(inputs, annotation_suffixes() if is_named else ())
+    suffixes = annotation_suffixes() if is_named else ()
+    named = expand_inputs(inputs, suffixes)
+    archives = [path for path in named.paths if is_archive(path)]
+    held = expand_inputs(unpack_archives(archives, out, note), suffixes)
+    others = [path for path in named.paths if path not in archives]
+    return Inputs([*others, *held.paths], [*named.videos, *held.videos], named.urls)
 
 
 def choose_frames(inputs: Sequence[Path], out: Path, mask: Path | None) -> list[PictureFile]:

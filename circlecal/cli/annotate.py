@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from itertools import product
 from pathlib import Path
@@ -16,7 +17,7 @@ from circlecal.cli.plain_flags import INPUT, OUTPUT, RUNNING
 
 if TYPE_CHECKING:
     from circlecal.config import Config
-    from circlecal.workbench.frames import RunFacts
+    from circlecal.workbench.frames import ArchivedAnnotations, RunFacts
     from circlecal.workbench.session import Session
 
 
@@ -108,14 +109,15 @@ def annotate(
     sampling = Sampling.parse(every or DEFAULT_EVERY, dashes="--")
     folder = out or (runs[0] / ANNOTATION_FOLDER if runs else Path("circlecal-annotations"))
     tell = (lambda note: None) if quiet else console.print_note
-    given, annotated = unpack_inputs(inputs, folder / UNPACKED_FOLDER, tell)
-    if not given:
-        raise InputError(f"{annotated[0]}: holds annotations and no pictures; give their pictures too")
-    frames = take_part(list_frames(given, sampling, chosen.limits), part)
-    prepare_folder(folder)
-    session = Session(frames, AnnotationStore(folder), chosen)
-    for archive in annotated:
-        _import_annotations(session, archive, tell)
+    with tempfile.TemporaryDirectory(prefix="circlecal-import-") as aside:
+        given, annotated = unpack_inputs(inputs, folder / UNPACKED_FOLDER, Path(aside), tell)
+        if not given:
+            raise InputError(f"{annotated[0].given}: holds annotations and no pictures; give their pictures too")
+        frames = take_part(list_frames(given, sampling, chosen.limits), part)
+        prepare_folder(folder)
+        session = Session(frames, AnnotationStore(folder), chosen)
+        for archive in annotated:
+            _import_annotations(session, archive, tell)
 
     if frame is not None and all(frame != listed.file.id for listed in frames):
         raise InputError(f"--frame {frame}: no such frame among the {len(frames)} that were given")
@@ -146,20 +148,20 @@ def annotate(
                 tell_workbench(run, None, address)
 
 
-def _import_annotations(session: Session, archive: Path, tell: Callable[[str], None]) -> None:
+def _import_annotations(session: Session, archive: ArchivedAnnotations, tell: Callable[[str], None]) -> None:
     """Take the annotations in a ZIP into the frames that nobody annotated yet, and say what became of them."""
     from circlecal.errors import InputError
 
     try:
         told = session.take_archive(archive)
     except InputError as error:  # its pictures are shown all the same
-        tell(f"{error}; nothing is imported from {archive}")
+        tell(f"{error}; nothing is imported from {archive.given}")
         return
     for warning in told.warnings:
         tell(warning)
     left = [f"{told.unknown} in it are of no frame here"] * bool(told.unknown)
     left += [f"{told.kept} here are annotated already and stay (drop the ZIP on the page to replace)"] * bool(told.kept)
-    tell("; ".join([f"{archive}: {told.taken} annotations imported", *left]))
+    tell("; ".join([f"{archive.given}: {told.taken} annotations imported", *left]))
 
 
 def _suit_runs(

@@ -34,7 +34,8 @@ def batch(
         list[str],
         typer.Argument(
             metavar="INPUT",
-            help="Pictures, videos, annotations, folders of them, patterns, sequences (x_%04d.png), lists (x.txt).",
+            help="Pictures, videos, annotations, folders or ZIPs of them, patterns, sequences (x_%04d.png), lists "
+            "(x.txt).",
         ),
     ],
     out: Annotated[
@@ -99,6 +100,7 @@ def batch(
     from circlecal.cli.rig import RIG_FOLDER, estimate_shared_cameras
     from circlecal.config import absolute_files
     from circlecal.formats.annotation import ANNOTATION_FOLDER
+    from circlecal.formats.unpacking import annotations_in
     from circlecal.pictures.inputs import absolute_input
     from circlecal.records.log import RESULTS_NAME
 
@@ -142,7 +144,8 @@ def batch(
     out = options.folder_of_run(out, run.digest, ask=console.can_ask() and not quiet, restart=restart)
     if files:
         exports.into(out).require_apart(frame.id for frame in work.frames)
-    run = replace(run, out=out if files else None, annotations=annotations or out / ANNOTATION_FOLDER)
+    named = annotations_in(annotations, out) or out / ANNOTATION_FOLDER
+    run = replace(run, out=out if files else None, annotations=named)
     counts = _calibrate(work, run, out, workers=workers, scheduler=scheduler, restart=restart, quiet=quiet)
     refused, final = counts.refused, out
     if not quiet and counts.finished == counts.unreadable > 0:

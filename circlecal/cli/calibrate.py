@@ -56,6 +56,7 @@ def calibrate(
     from circlecal.files import prepare_folder
     from circlecal.formats.annotation import ANNOTATION_FOLDER
     from circlecal.formats.exports import Exports
+    from circlecal.formats.unpacking import annotations_in
     from circlecal.records.json_text import result_line
     from circlecal.records.summary import summarise
 
@@ -77,7 +78,7 @@ def calibrate(
     exports = Exports(to or (), out, options.parse_size(eval_size, "--eval-size"))
     options.require_export_field(to, chosen)
     format_name = options.choose_format(from_format)
-    written = annotations or out / ANNOTATION_FOLDER
+    written = annotations_in(annotations, out) or out / ANNOTATION_FOLDER
     size_given, points_at = options.parse_size(size), options.convention_of(convention)
     run = FrameRun(chosen, out, exports, mask, keypoints, format_name, size_given, points_at, written)
     failures: list[Exception] = []

@@ -35,6 +35,7 @@ def debug(
     from circlecal.errors import InputError
     from circlecal.files import is_folder, prepare_folder
     from circlecal.formats.annotation import ANNOTATION_FOLDER
+    from circlecal.formats.unpacking import annotations_in, is_archive
     from circlecal.pictures.inputs import expand_inputs
     from circlecal.pipeline import field_of
     from circlecal.records.json_text import write_result
@@ -58,15 +59,16 @@ def debug(
     report = console.error_reporter(failures)
     leave_to_batch(named, report, " --files --set output.debug=true")
     for path in named.paths:
-        if is_folder(path):
-            raise InputError(f"{path}: is a folder; debug takes pictures")
+        if is_folder(path) or is_archive(path):
+            raise InputError(f"{path}: is a {'folder' if is_folder(path) else 'ZIP'}; debug takes pictures")
     frames = choose_frames(named.paths, out, mask)
     prepare_folder(out)
     template, _ = field_of(chosen)
+    told = annotations_in(annotations, out) or out / ANNOTATION_FOLDER
     summaries, written = [], []
     for frame in frames:
         try:
-            picture, calibration = examine_frame(frame, chosen, mask, keypoints, annotations or out / ANNOTATION_FOLDER)
+            picture, calibration = examine_frame(frame, chosen, mask, keypoints, told)
         except InputError as error:
             report(error)
             continue

@@ -30,7 +30,7 @@ def choose_inputs(
     from circlecal.batch.inputs import choose_frames_of, expand_frames
     from circlecal.cli import console
 
-    named = expand_frames(inputs, run)
+    named = expand_frames(inputs, run, out, console.print_note)
     leave_to_batch(named, report)
     return choose_frames_of(named.paths, run, out, report, console.print_note)
 

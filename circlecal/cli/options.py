@@ -36,13 +36,14 @@ def complete_field_or_auto(incomplete: str) -> list[str]:
     return [name for name in ("auto",) if name.startswith(incomplete)] + complete_field(incomplete)
 
 
-def _require_folder(folder: Path | None) -> Path | None:
-    """A folder of annotations that was named, if it is there."""
+def _require_annotations(given: Path | None) -> Path | None:
+    """A folder of annotations that was named, or a ZIP of it, if it is there."""
     from circlecal.formats.annotation import require_annotations
+    from circlecal.formats.unpacking import is_archive
 
-    if folder is not None:
-        require_annotations(folder)
-    return folder
+    if given is not None and not is_archive(given):
+        require_annotations(given)
+    return given
 
 
 class Convention(StrEnum):
@@ -69,7 +70,8 @@ CONVERSIONS = (
 FrameInputs = Annotated[
     list[str],
     typer.Argument(
-        metavar="INPUT", help="Pictures, annotation files, folders, patterns, sequences (x_%04d.png), lists (x.txt)."
+        metavar="INPUT",
+        help="Pictures, annotation files, folders or ZIPs of them, patterns, sequences (x_%04d.png), lists (x.txt).",
     ),
 ]
 Keypoints = Annotated[
@@ -85,8 +87,8 @@ Annotations = Annotated[
     Path | None,
     typer.Option(
         "--annotations",
-        metavar="FOLDER",
-        callback=_require_folder,
+        metavar="FOLDER|ZIP",
+        callback=_require_annotations,
         help="What was named in circlecal annotate. (default: OUT/annotations, and x.json beside x.jpg)",
         rich_help_panel=INPUT,
     ),
@@ -95,8 +97,8 @@ ClipAnnotations = Annotated[
     Path | None,
     typer.Option(
         "--annotations",
-        metavar="FOLDER",
-        callback=_require_folder,
+        metavar="FOLDER|ZIP",
+        callback=_require_annotations,
         help="What was named in circlecal annotate. (default: OUT/annotations)",
         rich_help_panel=INPUT,
     ),

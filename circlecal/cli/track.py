@@ -68,6 +68,7 @@ def track(
     from circlecal.cli import console
     from circlecal.config import AUTO, absolute_files, load_config
     from circlecal.formats.annotation import ANNOTATION_FOLDER
+    from circlecal.formats.unpacking import annotations_in
     from circlecal.pictures.inputs import absolute_input
     from circlecal.pictures.video import Sampling
     from circlecal.pipeline import field_of
@@ -98,7 +99,7 @@ def track(
             chosen = name_field(videos, sampling, chosen)
             if not quiet:
                 console.print_note(f"--field auto: {chosen.field.template}")
-        run = ClipRun(chosen, sampling, known, full, annotations or out / ANNOTATION_FOLDER)
+        run = ClipRun(chosen, sampling, known, full, annotations_in(annotations, out) or out / ANNOTATION_FOLDER)
         ask = console.can_ask() and not quiet
         out = options.folder_of_run(
             out, run.digest, ask=ask, restart=restart, find_hint=lambda: _hint_at_annotations(run)

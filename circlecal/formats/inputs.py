@@ -87,7 +87,7 @@ def split_inputs(
     Raises
     ------
     InputError
-        An input does not exist, is a ZIP archive, or is a picture while a format of annotations is named.
+        An input does not exist, or is a picture while a format of annotations is named.
     """
     pictures: list[Path] = []
     files: list[AnnotationFile] = []
@@ -103,8 +103,6 @@ def split_inputs(
                 pictures.append(given)
         elif format_name is not None and given.suffix.lower() in PICTURE_SUFFIXES:
             raise InputError(f"{given}: is a picture, not a {format_name} file; leave --from out")
-        elif given.suffix.lower() == ".zip":
-            raise InputError(f"{given}: is a ZIP archive; unpack it and give its folder (annotate takes it)")
         elif given.suffix.lower() in annotation_suffixes() or format_name is not None:
             files.append(AnnotationFile(given, Path(given.name), named=True))
         else:
@@ -113,7 +111,7 @@ def split_inputs(
 
 
 def _files_in(folder: Path, excluded: Collection[Path]) -> list[Path]:
-    left_out = {real_path(path) for path in excluded}
+    left_out = {real_path(path) for path in excluded} - {folder_path := real_path(folder), *folder_path.parents}
     real = ((path, real_path(path)) for path in walk(folder))
     return [path for path, resolved in real if left_out.isdisjoint((resolved, *resolved.parents))]
 

@@ -14,22 +14,26 @@ from numpy.typing import NDArray
 
 from circlecal.errors import InputError
 from circlecal.files import exists, is_file, real_path, require_input
-from circlecal.formats.paint_list import LIST_NAME
-from circlecal.formats.registry import annotation_suffixes
-from circlecal.names import as_stem
-from circlecal.pictures.files import PICTURE_SUFFIXES, PictureFile, find_frames, read_image
-from circlecal.pictures.inputs import VIDEO_SUFFIXES, expand_inputs
+from circlecal.formats.unpacking import (
+    FRAME_SUFFIXES,
+    is_archive,
+    may_be_annotation,
+    places_of,
+    require_frames_in,
+    tell_others,
+)
+from circlecal.pictures.archives import unpack
+from circlecal.pictures.files import PictureFile, find_frames, read_image
+from circlecal.pictures.inputs import expand_inputs
 from circlecal.pictures.limits import LimitsConfig
 from circlecal.pictures.remote import is_url
 from circlecal.pictures.video import Sampling, Video, pictures_at
 from circlecal.records.log import RESULTS_NAME, read_records
 from circlecal.records.record import ResultRow
 from circlecal.rig.venue import VENUE_NAME, read_venue_file
-from circlecal.workbench.archives import SUFFIX, unpack
 
 UNPACKED_FOLDER = "frames"
 """In the folder of annotations: pictures of archives."""
-FRAME_SUFFIXES = frozenset({*PICTURE_SUFFIXES, *VIDEO_SUFFIXES})
 DOUBTFUL_PX = 15.0
 """A calibrated frame whose largest predicted error is more, pixels at 1920 px width, is worth a click."""
 State = Literal["refused", "doubtful", "calibrated", "unknown"]
@@ -180,16 +184,30 @@ def _take_once(frames: Sequence[ListedFrame]) -> list[ListedFrame]:
     return list(found.values())
 
 
-def unpack_inputs(inputs: Sequence[str], folder: Path, tell: Callable[[str], None]) -> tuple[list[str], list[Path]]:
+@dataclass(frozen=True, slots=True)
+class ArchivedAnnotations:
+    """Files of an archive that may be annotations: as the user names it, the folder that they were unpacked into, and
+    where they lie there.
+    """
+
+    given: str
+    folder: Path
+    files: list[Path]
+
+
+def unpack_inputs(
+    inputs: Sequence[str], folder: Path, aside: Path, tell: Callable[[str], None]
+) -> tuple[list[str], list[ArchivedAnnotations]]:
     """The inputs, ZIP archives of pictures and videos among them as the folders into which they were unpacked, and the
-    archives that hold annotations.
+    annotations that archives hold.
 
     Parameters
     ----------
     inputs : sequence of str
         As the user names them.
-    folder : path
-        Each archive has a folder of its name below it; what is there already is not written again.
+    folder, aside : path
+        Each archive has a folder of its name below them, of its pictures and of its annotations; what is there already
+        is not written again.
     tell : callable
         Called with what is left out of an archive.
 
@@ -198,32 +216,30 @@ def unpack_inputs(inputs: Sequence[str], folder: Path, tell: Callable[[str], Non
     InputError
         An archive is damaged, encrypted, far too large, or holds neither pictures nor videos nor annotations.
     """
+    archives = [path for path in dict.fromkeys(map(Path, inputs)) if is_archive(path)]
+    places = dict(zip(archives, places_of(archives, folder), strict=True))
     found, annotated = [], []
     for given in inputs:
-        path = Path(given)
-        if path.suffix.lower() != SUFFIX or not is_file(path):
+        place = places.get(Path(given))
+        if place is None:
             found.append(given)
             continue
-        place = folder / as_stem(path.stem)
-        unpacked = unpack(path, given, place, lambda file: file.suffix.lower() in FRAME_SUFFIXES)
-        others = [file for file in unpacked.others if not may_be_annotation(file)]
-        holds_annotations = len(others) < len(unpacked.others)
-        if not unpacked.files and not holds_annotations:
-            raise InputError(f"{given}: holds no picture, no video and no annotation; give a ZIP of one of these")
+        beside = aside / place.name
+
+        def folder_of(path: PurePosixPath, place: Path = place, beside: Path = beside) -> Path | None:
+            return place if path.suffix.lower() in FRAME_SUFFIXES else beside if may_be_annotation(path) else None
+
+        unpacked = unpack(Path(given), given, folder_of)
+        require_frames_in(given, is_any=bool(unpacked.files))
         for warning in unpacked.warnings(given):
             tell(warning)
-        if others:
-            tell(f"{given}: {len(others)} files in it are neither pictures nor annotations, and are left out")
-        if unpacked.files:
+        tell_others(given, unpacked.others, tell)
+        named = [path for path in unpacked.files if path.is_relative_to(beside)]
+        if len(named) < len(unpacked.files):
             found.append(str(place))
-        if holds_annotations:
-            annotated.append(path)
+        if named:
+            annotated.append(ArchivedAnnotations(given, beside, named))
     return found, annotated
-
-
-def may_be_annotation(path: PurePosixPath) -> bool:
-    """Whether a file of an archive is looked at, by its name: annotations, and the list beside them."""
-    return path.suffix.lower() in annotation_suffixes() or path.name == LIST_NAME
 
 
 def take_part(frames: list[ListedFrame], part: str | None) -> list[ListedFrame]:

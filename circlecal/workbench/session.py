@@ -28,13 +28,14 @@ from circlecal.formats.meaning import observe
 from circlecal.formats.paint_list import LIST_NAME, list_bytes
 from circlecal.formats.registry import annotation_formats, read_annotations, require_format
 from circlecal.formats.shapes import AnnotatedFrame
+from circlecal.formats.unpacking import may_be_annotation
 from circlecal.geometry.projective import Array
 from circlecal.names import as_stem
+from circlecal.pictures.archives import MAGIC, unpack
 from circlecal.pipeline import field_of
 from circlecal.workbench.answers import Answer, WrongName, answer, describe
-from circlecal.workbench.archives import MAGIC, unpack
 from circlecal.workbench.doubts import find_wrong_name
-from circlecal.workbench.frames import ListedFrame, may_be_annotation, picture_of, tell_pixels
+from circlecal.workbench.frames import ArchivedAnnotations, ListedFrame, picture_of, tell_pixels
 from circlecal.workbench.interpretations import Interpretation, interpret
 from circlecal.workbench.measuring import (
     MeasuredPicture,
@@ -384,8 +385,9 @@ class Session:
         with tempfile.TemporaryDirectory(prefix="circlecal-import-") as folder:
             place = Path(folder)
             if content.startswith(MAGIC):
-                unpacked = unpack(io.BytesIO(content), name, place / "unpacked", may_be_annotation)
-                told = self._take_files(unpacked.files, place, name)
+                where = place / "unpacked"
+                unpacked = unpack(io.BytesIO(content), name, lambda path: where if may_be_annotation(path) else None)
+                told = self._take_files(unpacked.files, where, name)
                 told.warnings += unpacked.warnings(name)
                 others = len(unpacked.others)
             else:
@@ -400,20 +402,17 @@ class Session:
             write_atomic(self.store.folder / "imported" / name, content)
         return {"taken": told.taken, "unknown": told.unknown, "warnings": told.warnings}
 
-    def take_archive(self, path: Path) -> Taken:
+    def take_archive(self, archive: ArchivedAnnotations) -> Taken:
         """Take the annotations in a ZIP into the frames that nobody annotated here: the same command may be given again
         and again, and never takes the place of later work.
 
         Raises
         ------
         InputError
-            The archive cannot be read, or nothing in it can be used.
+            Nothing in it can be used.
         """
         free = frozenset(index for index, frame in enumerate(self.frames) if not frame.annotated)
-        with tempfile.TemporaryDirectory(prefix="circlecal-import-") as folder:
-            place = Path(folder)
-            unpacked = unpack(path, str(path), place / "unpacked", may_be_annotation)
-            return self._take_files(unpacked.files, place, str(path), free)
+        return self._take_files(archive.files, archive.folder, archive.given, free)
 
     def _take_files(self, files: Sequence[Path], place: Path, name: str, free: Collection[int] | None = None) -> Taken:
         """Take files of a folder, of which those of an archive that cannot be used are told; into the frames ``free``,
@@ -429,7 +428,7 @@ class Session:
             try:
                 told.add(self._take_file(file, free))
             except InputError as error:
-                told.warnings.append(str(error).replace(f"{place / 'unpacked'}/", "").replace(f"{place}/", ""))
+                told.warnings.append(str(error).replace(f"{place}/", ""))
         if not told.taken and not told.kept and (told.warnings or not files):
             raise InputError(told.warnings[0] if told.warnings else f"{name}: holds no file of annotations")
         return told

@@ -3,7 +3,9 @@
 import os
 import subprocess
 import sys
+import zipfile
 from collections.abc import Callable, Iterator
+from io import BytesIO
 from pathlib import Path
 
 import cv2
@@ -16,6 +18,15 @@ from circlecal.geometry.camera import Camera, image_center
 from circlecal.pictures.files import PictureFile
 from circlecal.workbench.measuring import MeasuredPicture, measure_picture
 from tests.conftest import paint_frame
+
+
+def zip_of(**files: bytes | str) -> bytes:
+    """An archive of files; ``__`` stands for a slash in their names, ``_dot_`` for a dot."""
+    stream = BytesIO()
+    with zipfile.ZipFile(stream, "w") as archive:
+        for name, content in files.items():
+            archive.writestr(name.replace("__", "/").replace("_dot_", "."), content)
+    return stream.getvalue()
 
 
 @pytest.fixture(scope="session")

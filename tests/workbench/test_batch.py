@@ -17,7 +17,7 @@ from circlecal.pictures.files import PictureFile, find_frames
 from circlecal.workbench.interpretations import name_marking
 from circlecal.workbench.measuring import begin_annotation
 from circlecal.workbench.store import AnnotationStore, NewerError
-from tests.workbench.conftest import Path
+from tests.workbench.conftest import Path, zip_of
 
 
 @pytest.fixture
@@ -117,6 +117,90 @@ def test_an_annotation_is_scaled_to_its_picture_and_one_of_another_aspect_is_ref
     refused = run_circlecal(*command)
     assert (refused.code, refused.err.count("\n")) == (2, 1)
     assert "open: the annotation is of 960x540, the picture 540x540, which has another aspect" in refused.err
+
+
+def test_a_zip_of_annotations_counts_as_its_folder_does(pictures, named, run_circlecal, in_this_process, tmp_path):
+    store, given = AnnotationStore(tmp_path / "annotations"), tmp_path / "named.zip"
+    saved = store.save(named, 0)
+    content = (store.folder / "open.json").read_bytes()
+    given.write_bytes(zip_of(theirs__open_dot_json=content, theirs__notes_dot_txt="x"))
+    alike = []
+    for told in (store.folder, given):
+        options = ("--annotations", told, "--out", tmp_path / f"{told.stem}-out", "--json", "--no-overlay")
+        outcome = run_circlecal("calibrate", pictures, *options)
+        assert outcome.code == 0, outcome.err
+        alike.append(json.loads(outcome.out) | {"timings_ms": None})
+    assert alike[0] == alike[1] and alike[0]["status"] == "calibrated"
+    debugged = ("--annotations", given, "--out", tmp_path / "debug", "-q")
+    assert run_circlecal("debug", pictures / "open.png", *debugged).code == 0
+    command = ("batch", pictures, "--annotations", given, "--out", tmp_path / "run", "--workers", 1, "-q")
+    assert run_circlecal(*command).code == 0
+    before = records(tmp_path / "run")
+    assert run_circlecal(*command).code == 0
+    assert records(tmp_path / "run") == before, "nothing is done anew"
+    # another annotation of as many bytes, and one that is no longer there
+    changed = saved.model_copy(update={"flag": "other_camera", "note": ""})
+    short = annotation_bytes(changed)
+    given.write_bytes(zip_of(open_dot_json=short + b" " * (len(content) - len(short))))
+    assert run_circlecal(*command).code == 1
+    assert [r["code"] for r in records(tmp_path / "run")] == ["other_camera"]
+    assert [p.name for p in (tmp_path / "run" / "unpacked").rglob("*.json")] == ["open.json"]
+
+
+def test_a_zip_of_pictures_or_annotations_is_an_input_as_its_folder_is(
+    pictures, named, run_circlecal, in_this_process, tmp_path
+):
+    content = annotation_bytes(named.model_copy(update={"touched": True}))
+    picture, given, alone = (pictures / "open.png").read_bytes(), tmp_path / "day.zip", tmp_path / "named.zip"
+    given.write_bytes(zip_of(cam1__open_dot_png=picture, cam1__open_dot_json=content, notes_dot_txt="x"))
+    alone.write_bytes(zip_of(open_dot_json=content))
+    for name, zipped in (("cam1__open", given), ("open", alone)):
+        out = tmp_path / name
+        outcome = run_circlecal("calibrate", zipped, "--out", out, "--json", "--no-overlay")
+        assert outcome.code == 0, outcome.err
+        record = json.loads(outcome.out)
+        assert (record["id"], record["status"]) == (name, "calibrated")
+        assert ("1 files in it are neither pictures nor annotations" in outcome.err) == (zipped == given)
+        command = ("batch", zipped, "--out", tmp_path / f"{name}-run", "--workers", 1, "-q")
+        assert [run_circlecal(*command).code for _ in range(2)] == [0, 0]
+        assert [r["id"] for r in records(tmp_path / f"{name}-run")] == [name]
+    assert Path(records(tmp_path / "cam1__open-run")[0]["source"]["path"]).is_file(), "the report finds it"
+
+
+_KINDS = ("broken", "encrypted", "large", "empty")
+
+
+@pytest.mark.parametrize(
+    ("command", "is_input", "kind"),
+    [
+        *((command, True, kind) for command in ("calibrate", "batch") for kind in _KINDS),
+        *((command, False, kind) for command in ("calibrate", "batch", "debug") for kind in (*_KINDS, "several")),
+    ],
+)
+def test_a_zip_that_cannot_be_taken_in_the_place_of_a_folder_is_one_line(
+    pictures, run_circlecal, in_this_process, tmp_path, monkeypatch, command, is_input, kind
+):
+    content = bytearray(zip_of(a__x_dot_json=b'{"of": "sound"}', b__y_dot_json=b"{}"))
+    if kind == "broken":
+        content = bytearray(content.replace(b"sound", b"noise", 1))
+    elif kind == "encrypted":
+        content[content.index(b"PK\x01\x02") + 8] |= 1
+    elif kind == "large":
+        monkeypatch.setattr("circlecal.pictures.archives.MOST_BYTES", 10)
+    elif kind == "empty":
+        content = bytearray(zip_of(notes_dot_txt="x"))
+    told = {
+        "broken": "is no ZIP archive that can be read",
+        "encrypted": "is encrypted; unpack it yourself, and give its folder",
+        "large": "that are unpacked; unpack it yourself, and give its folder",
+        "empty": "holds no picture, no video and no annotation" if is_input else "holds no file of annotations",
+        "several": "holds annotations in 2 folders (a and b); give a ZIP of one of them",
+    }
+    (tmp_path / "x.zip").write_bytes(content)
+    inputs = [tmp_path / "x.zip"] if is_input else [pictures / "open.png", "--annotations", tmp_path / "x.zip"]
+    outcome = run_circlecal(command, *inputs, "--out", tmp_path / "out", "-q")
+    assert (outcome.code, outcome.err.count("\n")) == (2, 1), outcome
+    assert "x.zip: " in outcome.err and told[kind] in outcome.err
 
 
 @pytest.fixture

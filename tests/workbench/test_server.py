@@ -321,8 +321,9 @@ def test_a_folder_that_cannot_be_written_to_is_told_before_the_page_is_served(
     [
         (("annotate", "results.jsonl", "--no-browser"), "results of a run, not a picture; give its folder"),
         (("calibrate", "good.png", "--venue", "results.jsonl"), "holds results, not a venue; give the venue.yaml"),
+        (("debug", "day.zip"), "day.zip: is a ZIP; debug takes pictures"),
         (("calibrate", "results.jsonl"), "not an annotation; give its pictures instead"),
-        (("calibrate", "day.zip"), "is a ZIP archive; unpack it and give its folder"),
+        (("calibrate", "day.zip"), "day.zip: is no ZIP archive that can be read"),
     ],
 )
 def test_results_and_archives_in_the_place_of_other_files_are_one_line(

@@ -4,6 +4,7 @@ import json
 import re
 import threading
 import zipfile
+from collections import Counter
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
@@ -16,13 +17,14 @@ from circlecal.config import Config
 from circlecal.errors import InputError
 from circlecal.formats.annotation import AnnotatedMarking, Annotation, annotation_bytes, find_annotation
 from circlecal.formats.paint_list import LIST_NAME
+from circlecal.pictures.archives import unpack
 from circlecal.pictures.limits import DEFAULT_LIMITS, LimitsConfig
 from circlecal.pictures.video import Sampling
 from circlecal.workbench import session as module
-from circlecal.workbench.archives import unpack
 from circlecal.workbench.frames import UNPACKED_FOLDER, list_frames, take_part, unpack_inputs
 from circlecal.workbench.session import Session
 from circlecal.workbench.store import LOCK_NAME, AnnotationStore, NewerError
+from tests.workbench.conftest import zip_of
 
 
 def test_parts_hold_every_frame_once_and_keep_it_when_frames_join(folder):
@@ -270,14 +272,6 @@ def test_who_annotated_a_frame_and_when_is_in_its_file(folder, tmp_path):
     assert re.fullmatch(r"20\d\d-\d\d-\d\dT\d\d:\d\d:\d\d\+00:00", stored["changed_at"])
 
 
-def zip_of(**files):
-    stream = BytesIO()
-    with zipfile.ZipFile(stream, "w") as archive:
-        for name, content in files.items():
-            archive.writestr(name.replace("__", "/").replace("_dot_", "."), content)
-    return stream.getvalue()
-
-
 def test_a_zip_of_annotations_is_taken_and_what_is_refused_leaves_nothing(folder, tmp_path):
     annotate(tmp_path / "other", "good")
     theirs = AnnotationStore(tmp_path / "other")
@@ -305,7 +299,9 @@ def test_a_zip_of_pictures_is_an_input_and_leads_nowhere_else(folder, tmp_path):
     (tmp_path / "day.zip").write_bytes(pictures)
     out, told = tmp_path / "out", []
     for _ in range(2):
-        given, annotated = unpack_inputs([str(tmp_path / "day.zip"), "other"], out / UNPACKED_FOLDER, told.append)
+        given, annotated = unpack_inputs(
+            [str(tmp_path / "day.zip"), "other"], out / UNPACKED_FOLDER, tmp_path / "aside", told.append
+        )
     assert (given, annotated) == ([str(out / "frames" / "day"), "other"], [])
     assert "the path ..//../cam1/good.png leads out of the archive" in told[0]
     assert "day.zip: 1 files in it are neither pictures nor annotations" in told[1] and len(told) == 4
@@ -313,7 +309,26 @@ def test_a_zip_of_pictures_is_an_input_and_leads_nowhere_else(folder, tmp_path):
     assert begin(out, Path(given[0])).listing()[0][0] == "cam1__good"
     (tmp_path / "empty.zip").write_bytes(zip_of(a_dot_txt="x"))
     with pytest.raises(InputError, match="holds no picture, no video and no annotation"):
-        unpack_inputs([str(tmp_path / "empty.zip")], out, told.append)
+        unpack_inputs([str(tmp_path / "empty.zip")], out, tmp_path / "aside", told.append)
+
+
+def test_a_zip_is_read_in_one_pass(folder, tmp_path, monkeypatch):
+    """Its pictures and its annotations together, and each of two archives of one name into a folder of its own."""
+    opened, asked = [], Counter()
+    monkeypatch.setattr(
+        "circlecal.workbench.frames.may_be_annotation", lambda path: asked.update([path]) or path.suffix == ".json"
+    )
+    read = zipfile.ZipFile.infolist
+    monkeypatch.setattr(zipfile.ZipFile, "infolist", lambda archive: opened.append(archive.filename) or read(archive))
+    for day in ("1", "2"):
+        (tmp_path / day).mkdir()
+        content = zip_of(a_dot_png=(folder / "good.png").read_bytes(), a_dot_json="{}", b_dot_txt=day)
+        (tmp_path / day / "day.zip").write_bytes(content)
+    archives = [str(tmp_path / day / "day.zip") for day in ("1", "2")]
+    given, annotated = unpack_inputs(archives, tmp_path / "frames", tmp_path / "aside", lambda _: None)
+    assert opened == archives and len(set(given)) == 2
+    assert set(asked.values()) == {2}, "each file of either archive is looked at once"
+    assert [[path.name for path in one.files] for one in annotated] == [["a.json"], ["a.json"]]
 
 
 def test_annotations_in_a_zip_of_the_command_line_are_imported_once(
@@ -352,7 +367,7 @@ def test_a_zip_that_cannot_be_taken_is_one_line(folder, tmp_path, run_circlecal,
     elif kind == "encrypted":
         content[central + 8] |= 1
     elif kind == "large":
-        monkeypatch.setattr("circlecal.workbench.archives.MOST_BYTES", 1000)
+        monkeypatch.setattr("circlecal.pictures.archives.MOST_BYTES", 1000)
     else:
         content = bytearray(zip_of(good_dot_json=b"{}"))
     (tmp_path / "x.zip").write_bytes(content)
@@ -368,7 +383,7 @@ def test_a_damaged_stream_in_a_zip_is_no_traceback(tmp_path):
     content = bytearray(stream.getvalue())
     content[40:60] = b"\xff" * 20
     with pytest.raises(InputError, match="make it again"):
-        unpack(BytesIO(content), "a.zip", tmp_path, lambda _: True)
+        unpack(BytesIO(content), "a.zip", lambda _: tmp_path)
 
 
 def test_a_frame_that_two_ask_for_is_measured_once(folder, tmp_path, monkeypatch):

@@ -21,6 +21,7 @@ MOST_BYTES = 8 << 30
 """Of everything that is unpacked: 10,000 pictures of 1080p have some 5 GB."""
 _NOT_FRAMES = "__MACOSX"
 """Folder of the companions that a Mac adds to every file."""
+_BLOCK_BYTES = 1 << 20
 _LEADS_OUT = re.compile(r"^[/\\]|^[A-Za-z]:|(^|[/\\])\.\.([/\\]|$)")
 _BROKEN = (
     *(zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error, lzma.LZMAError),
@@ -54,10 +55,10 @@ class Unpacked:
         return [f"{name}: the path {self.led_out[0]}{more} leads out of the archive; its file is kept inside"]
 
 
-def unpack(source: Path | IO[bytes], name: str, folder: Path, is_wanted: Callable[[PurePosixPath], bool]) -> Unpacked:
-    """Files of an archive that are wanted, written into a folder.
+def unpack(source: Path | IO[bytes], name: str, folder_of: Callable[[PurePosixPath], Path | None]) -> Unpacked:
+    """Files of an archive that are wanted, written into folders.
 
-    A file that is there already in its size is not written again.
+    A file that is there already, with its size and checksum, is not written again.
 
     Parameters
     ----------
@@ -65,10 +66,8 @@ def unpack(source: Path | IO[bytes], name: str, folder: Path, is_wanted: Callabl
         The archive.
     name : str
         Of the archive, for errors.
-    folder : path
-        Where; the archive's own folders are kept below it.
-    is_wanted : callable
-        Whether a file is taken, by its path in the archive.
+    folder_of : callable
+        Where a file goes, by its path in the archive, whose own folders are kept below it; None where it is not wanted.
 
     Raises
     ------
@@ -78,7 +77,8 @@ def unpack(source: Path | IO[bytes], name: str, folder: Path, is_wanted: Callabl
     try:
         with zipfile.ZipFile(source) as archive:
             members = [info for info in archive.infolist() if not info.is_dir() and _NOT_FRAMES not in info.filename]
-            wanted = [info for info in members if is_wanted(_path_of(info))]
+            placed = [(info, path := _path_of(info), folder_of(path)) for info in members]
+            wanted = [info for info, _, folder in placed if folder is not None]
             total = sum(info.file_size for info in wanted)
             if len(wanted) > MOST_FILES or total > MOST_BYTES:
                 most = f"more than the {MOST_FILES} files or {size_in_words(MOST_BYTES)} that are unpacked"
@@ -86,10 +86,10 @@ def unpack(source: Path | IO[bytes], name: str, folder: Path, is_wanted: Callabl
                 raise InputError(f"{name}: {told}; unpack it yourself, and give its folder")
             if any(info.flag_bits & 1 for info in wanted):
                 raise InputError(f"{name}: is encrypted; unpack it yourself, and give its folder")
-            files = [_write(archive, info, folder) for info in wanted]
+            files = [_write(archive, info, folder / path) for info, path, folder in placed if folder is not None]
     except _BROKEN as error:
         raise InputError(f"{name}: is no ZIP archive that can be read: {error}; make it again") from error
-    others = [path for info in members if not is_wanted(path := _path_of(info))]
+    others = [path for _, path, folder in placed if folder is None]
     return Unpacked(files, others, [info.filename for info in wanted if _LEADS_OUT.search(info.filename)])
 
 
@@ -100,9 +100,19 @@ def _path_of(info: zipfile.ZipInfo) -> PurePosixPath:
     return PurePosixPath(*safe)
 
 
-def _write(archive: zipfile.ZipFile, info: zipfile.ZipInfo, folder: Path) -> Path:
-    path = folder.joinpath(*_path_of(info).parts)
-    if not (path.is_file() and path.stat().st_size == info.file_size):
+def _write(archive: zipfile.ZipFile, info: zipfile.ZipInfo, path: Path) -> Path:
+    if not _is_there(path, info):
         with archive.open(info) as file:
             write_atomic(path, file.read(info.file_size + 1)[: info.file_size])
     return path
+
+
+def _is_there(path: Path, info: zipfile.ZipInfo) -> bool:
+    """Whether a file was unpacked before; an annotation that was changed may have as many bytes as before."""
+    if not (path.is_file() and path.stat().st_size == info.file_size):
+        return False
+    checksum = 0
+    with path.open("rb") as file:
+        while block := file.read(_BLOCK_BYTES):
+            checksum = zlib.crc32(block, checksum)
+    return checksum == info.CRC
