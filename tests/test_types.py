@@ -20,12 +20,13 @@ camera.K + camera.dist
 """Two misuses, and what is right, whose type must be known."""
 
 
-def test_the_readme_is_typed_and_misspelt_names_are_found(tmp_path):
+def test_the_readme_is_typed_and_misspelt_names_are_found(tmp_path, request):
     pytest.importorskip("mypy")
     examples = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
     (tmp_path / "readme.py").write_text("".join(examples), encoding="utf-8")
     (tmp_path / "wrong.py").write_text(WRONG, encoding="utf-8")
-    options = ("--strict", "--config-file=", f"--cache-dir={tmp_path / 'cache'}", "--follow-imports=silent")
+    cache = request.config.cache.mkdir("mypy-readme")  # what it learnt of the package counts until a module changes
+    options = ("--strict", "--config-file=", f"--cache-dir={cache}", "--follow-imports=silent")
     told = subprocess.run(
         [sys.executable, "-m", "mypy", *options, "readme.py", "wrong.py"],
         cwd=tmp_path,

@@ -14,10 +14,12 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import cv2
 import numpy as np
 
+from circlecal.batch import run as batch_run
 from circlecal.cli import main
 from circlecal.field import load_field
 from circlecal.geometry.camera import Camera
@@ -27,6 +29,7 @@ from circlecal.synthetic.negatives import negative_scene
 from circlecal.synthetic.renderer import Rendering, render
 from circlecal.synthetic.sampling import profile_field, render_frame
 from circlecal.synthetic.scene import RenderConfig, Scene
+from tests.conftest import finish_here
 
 Records = dict[str, dict[str, Any]]
 """Result files by the id of their frame."""
@@ -236,6 +239,7 @@ def _rig(folder: Path) -> Records:
         for k, camera in enumerate(cameras)
     ]
     alone = calibrated(paths, (), folder)
-    command("rig", folder / "out", "--quiet", "--out", folder / "rig")
+    with mock.patch.object(batch_run, "_finish_frames", finish_here):  # workers take longer to start than the frames
+        command("rig", folder / "out", "--quiet", "--out", folder / "rig")
     lines = (folder / "rig" / "results.jsonl").read_text().splitlines()
     return {f"{name}.alone": record for name, record in alone.items()} | {r["id"]: r for r in map(json.loads, lines)}
