@@ -64,8 +64,10 @@ class Entry:
         self.pull, self.pull_by_errors, self.spread = None, None, np.zeros(2)
         self.is_confirmed, self.is_in_place, self.is_contradicted, self.missing = False, False, False, 0
 
-    def take(self, look: Look, expected: Array, covariance: Array, is_followed: bool) -> None:
-        """Keep what a look brought: of the paint alone, without what was expected."""
+    def take(self, look: Look, expected: Array, covariance: Array | None = None) -> None:
+        """Keep what a look brought: of the paint alone, without the head (3,) that was expected with a covariance
+        (3, 3); None where the camera was searched for, and the paint alone tells the head.
+        """
         fit, measured = look.fit, look.measured
         self.head = fit.head
         self.expected, self.painted = int(measured.expected.sum()), int(measured.painted.sum())
@@ -75,7 +77,9 @@ class Entry:
         self.rms_px = fit.rms_px
         if len(measured.marking) >= 8 and fit.inlier_share > 0.5 and not self.is_contradicted:
             self.information = fit.information
-            self.toward = np.asarray(np.linalg.solve(covariance, fit.head - expected))
+            self.toward = np.zeros(3)
+            if covariance is not None:
+                self.toward = np.asarray(np.linalg.solve(covariance, fit.head - expected))
             self.by_common, self.pull, self.spread = fit.by_common, fit.pull, fit.spread
             if self.place is not None:
                 self.pull_by_errors, left = self.place.follow_errors(look)
@@ -88,4 +92,4 @@ class Entry:
             carriers.append("circle")
         if self.painted - on_circles >= 8:
             carriers.append("lines")
-        self.carriers = (*carriers, "motion") if is_followed else tuple(carriers)
+        self.carriers = tuple(carriers) if covariance is None else (*carriers, "motion")

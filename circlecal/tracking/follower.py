@@ -306,7 +306,7 @@ class Follower:
         look = place.look(earlier.picture, head, covariance, entry.by_common, blur)
         entry.motion = replace(motion, change=-motion.change)
         earlier.entry.place = place
-        earlier.entry.take(look, head, covariance, is_followed=True)
+        earlier.entry.take(look, head, covariance)
         if earlier.entry.by_common is None:
             earlier.entry.by_common = entry.by_common
         return look
@@ -341,7 +341,7 @@ class Follower:
             return None
         look = followed.look
         entry.place, entry.motion = place, followed.motion
-        entry.take(look, followed.head, followed.covariance, is_followed=True)
+        entry.take(look, followed.head, followed.covariance)
         if entry.by_common is None:
             entry.by_common = before.by_common
         sure = look.is_confirmed and before.is_confirmed
@@ -431,9 +431,7 @@ class Follower:
                     best = place, look
             if best is not None:
                 entry.place, look = best
-                focal = float(np.exp(look.fit.head[0]))
-                spread = np.diag(np.array([0.05, 20.0 / focal, 20.0 / focal]) ** 2)
-                entry.take(look, look.fit.head, spread, is_followed=False)
+                entry.take(look, look.fit.head)
                 return seen
         return picture
 

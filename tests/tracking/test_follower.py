@@ -39,6 +39,15 @@ def test_motions_of_frames_that_are_followed_backwards_lead_from_each_to_the_nex
         assert np.abs(entry.motion.change - STEP)[1:].max() < 5e-4
 
 
+def test_a_head_that_was_searched_for_is_told_by_its_paint_alone() -> None:
+    """Nothing was expected of it; one that is followed is pulled from where its motion took it."""
+    follower = follower_of({0: KnownHead(HEAD)})
+    pictures = [draw(HEAD + k * STEP, np.random.default_rng(1)) for k in range(2)]
+    found, followed = [follower.follow(ClipFrame(k, k / 25.0, picture)) for k, picture in enumerate(pictures)]
+    assert found.information.any() and not found.toward.any() and "motion" not in found.carriers
+    assert followed.information.any() and followed.toward.any() and followed.carriers[-1] == "motion"
+
+
 def test_a_head_is_looked_for_the_further_the_more_frames_were_not_confirmed(monkeypatch: pytest.MonkeyPatch) -> None:
     looked_for: list[tuple[Array, Array]] = []
 
@@ -76,7 +85,7 @@ def look_of(count: int, head: Array) -> Look:
 @pytest.mark.parametrize("count", [7, 8])
 def test_a_frame_that_shows_too_little_stays_where_its_head_is_expected(count: int) -> None:
     entry, found = Entry(0, 0.0, SIZE, 0), HEAD + 3.0 * STEP
-    entry.take(look_of(count, found), HEAD, 1e-4 * np.eye(3), is_followed=True)
+    entry.take(look_of(count, found), HEAD, 1e-4 * np.eye(3))
     is_enough = count == 8
     np.testing.assert_array_equal(entry.head, found if is_enough else HEAD)
     np.testing.assert_array_equal(entry.information, 1e6 * np.eye(3) * is_enough)

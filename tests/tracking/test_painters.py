@@ -134,7 +134,7 @@ def answer(picture: LookedAt, moved_m: float) -> TrackedFrame:
     place = Place.of(camera, template().model_copy(update={"placement_sd_m": 0.05}))
     look = place.look(picture, HEAD, np.diag(np.square([0.005, 0.002, 0.002])))
     entry = Entry(0, 0.0, SIZE, 0, place, HEAD, np.eye(3) * 1e8, np.zeros(3), np.zeros((3, len(COMMON))))
-    entry.take(look, HEAD, np.eye(3), True)
+    entry.take(look, HEAD, np.eye(3))
     (frame,) = answer_shot([entry], 1, SigmaLimits.of(load_config().verdict))
     return frame
 
