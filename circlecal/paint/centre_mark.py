@@ -9,34 +9,30 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from circlecal.geometry.conics import line_conic_meet, pole
-from circlecal.geometry.projective import Array, Mask, dehomogenise, line_distance, normalise_line
-from circlecal.paint.profiles import GrayPicture, sample_profiles
+from circlecal.geometry.projective import Array, Mask
+from circlecal.paint.profiles import GrayPicture
+from circlecal.paint.rectified_line import (
+    AROUND_PX,
+    STEP_PX,
+    RectifiedLine,
+    disc_coverage,
+    measure_contrast,
+    rectify_line,
+)
 
-Rows = NDArray[np.floating[Any]]
-
-__all__ = ["SeenMark", "find_centre_mark", "half_chords"]
+__all__ = ["LEAST_LINE", "SeenMark", "find_centre_mark"]
 
 # Tuned on 330 circles of 40 real and 290 rendered frames, a quarter of these with a player over the mark or no mark:
 # 185 marks are found, all within 4 px at 1920 px width of their place (median 0.12). Right and wrong below are marks
 # found besides, or no more, when the constant alone is changed; one without such figures changes none by +-20 %.
-_STEP_PX = 0.5
-"""Pixels between two places that are compared: peaks are a disc wide, and refined between the places. At 1.0 half of
-the marks of real frames are lost, since circles of 60 px leave too few places.
-"""
-_MARGIN = 0.2
-"""Half chords searched beyond the allowed range, to know the usual scatter. At 0.12 a half chord of less than 37 px
-leaves too few places for that: 5 right fewer, 2 wrong more. From 0.15 to 0.5 one more or fewer.
-"""
 _FAINTEST = 0.02
 """Of the line's contrast: scatter is never less. At 0.05 9 right fewer, at 0.005 one more."""
-_LEAST_LINE = 6.0
+LEAST_LINE = 6.0
 """Brightness of the line over the ground, grey levels: where it shows less it is worn off, and nothing tells a disc
 from the ground's unevenness, since its scatter is measured by that alone. Of 138 marks of rendered worn lines and of
 real frames the faintest right ones lie on lines of 16 and 24 levels; a wrong one, which left the camera 53 px off, lay
@@ -46,14 +42,8 @@ _HIDDEN = 0.25
 """Of the line's contrast: what is darker than the ground by this hides the line; worn paint does not. Without it 2
 wrong more, a player over the mark and worn paint; at 0.1 one right fewer.
 """
-_UNWORN, _MOSTLY_WORN = 0.75, 0.5
-"""Quantile of the line's brightness along it that its paint has where half of it or more is worn off, and share of that
-contrast: a line that usually shows less is worn.
-"""
 _FADED = 0.5
 """Of its own brightness: what is left of a disc just beyond its edge. At 1.0 2 wrong more, at 0.25 5 right fewer."""
-_LINE_PX = 1.5
-"""Pixels to both sides of the line's middle over which its paint is looked at: it is wider, or blur makes it so."""
 _BRIGHTEST = 1.0
 """Of the brightness of the line's paint where the disc lies on it, which is the disc's own: its rim shows no more, and
 less where blur mixes it with the ground. Of 614 right marks of rendered frames it shows 0.1 to 0.59, of real ones up
@@ -76,10 +66,6 @@ than the mark's: 0.11 to 0.41 of ten balls that lie on the mark at a kick-off, o
 Of 30 rendered kick-offs that these were not told from, two marks less are balls: 21 cameras within 5 px became 23, and
 one 24 px off became 4.
 """
-_AROUND_PX = 2.5
-"""How far around the disc the line and the surface must be bare, pixels. At 1.0 and at 5.0 2 right fewer, and 2 and 3
-wrong more.
-"""
 _ASIDE_RADII = 2.0
 """Beside the disc, out to so many of its half axes, the surface is bare; players may stand beyond. At 3.0 one wrong
 more.
@@ -94,10 +80,6 @@ _ON_BOTH_SIDES = 0.65
 """Of the least signal to noise ratio, where the disc is seen on both sides: of 85 rendered frames whose mark is hidden
 or out of view none shows one above it, of 52 whose mark was missed eight do.
 """
-_BEND_POINTS = 15
-"""Measured points of the line over which its bend is averaged. At 45 one wrong more; with no bend 16 right fewer, 3
-wrong more, and a median error of 0.6 px.
-"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,28 +89,6 @@ class SeenMark:
     point_px: Array
     sigma_px: float
     snr: float
-
-
-@dataclass(frozen=True, slots=True)
-class _Rectified:
-    """The picture around a stretch of the halfway line: rows along the line, columns along the field's other axis.
-
-    ``values`` (T, S) are brightnesses over what is ``usual`` (S,) in their column; ``in_view`` (2, T) says on which
-    sides of the line, left and right, the picture shows all that a disc there would cover or lie beside.
-    ``position`` (T,) along the line and ``across`` (S,) in px; ``base`` (T, 2) the places on the line, ``length`` its
-    half chord in px; ``half_px`` the disc's half axes along and across in the middle of the allowed range,
-    ``halves_px`` (T, 2) at each place.
-    """
-
-    values: Array
-    usual: Array
-    in_view: Mask
-    position: Array
-    across: Array
-    base: Array
-    length: float
-    half_px: tuple[float, float]
-    halves_px: Array
 
 
 def find_centre_mark(
@@ -167,14 +127,14 @@ def find_centre_mark(
     SeenMark or None
         None where no such disc is seen.
     """
-    seen = _rectify(picture, line, line_points_px, conic, diameter_radii / 2, blur_px, offset)
+    seen = rectify_line(picture, line, line_points_px, conic, diameter_radii / 2, blur_px, offset)
     if seen is None:
         return None
     paint = 0.5 * width_radii / (diameter_radii / 2) * seen.half_px[1]
     inner = min(paint + blur_px, _INNERMOST * seen.half_px[1])
-    line_contrast = _line_contrast(seen)
+    contrast = measure_contrast(seen)
     left, right = (_response(seen, blur_px, inner, side) for side in (-1.0, 1.0))
-    if line_contrast < _LEAST_LINE:
+    if contrast < LEAST_LINE:
         return None
     response = _join_sides(left, right)
     allowed = (seen.position >= offset[0] * seen.length) & (seen.position <= offset[1] * seen.length)
@@ -187,11 +147,11 @@ def find_centre_mark(
         return None
     # what lies on one side only is negative here, so the usual scatter is read off the positive end, below what the
     # players on the line add to it
-    scatter = max(float(np.quantile(response[elsewhere], 0.84)), 0.0) / 0.994 + _FAINTEST * line_contrast
+    scatter = max(float(np.quantile(response[elsewhere], 0.84)), 0.0) / 0.994 + _FAINTEST * contrast
     snr = float(response[peak]) / scatter
     if snr < _ON_BOTH_SIDES * minimum_snr:
         return None
-    sides = _bare_sides(seen, peak, blur_px, inner, line_contrast)
+    sides = _bare_sides(seen, peak, blur_px, inner, contrast)
     if not (all(sides) if snr < minimum_snr else any(sides)):
         return None
     if _looks_like_ball(seen, peak, blur_px, inner, sides):
@@ -201,101 +161,6 @@ def find_centre_mark(
     sigma = float(np.hypot(_SIGMA_FLOOR_PX, (seen.half_px[0] + blur_px) / snr))
     point = np.array([np.interp(place, seen.position, seen.base[:, axis]) for axis in range(2)])
     return SeenMark(point, sigma, snr)
-
-
-def _rectify(
-    picture: GrayPicture,
-    line: Array,
-    line_points_px: Array,
-    conic: Array,
-    radius_radii: float,
-    blur_px: float,
-    offset: tuple[float, float],
-) -> _Rectified | None:
-    line = normalise_line(line)
-    meets = line_conic_meet(conic, line)
-    if meets is None:
-        return None
-    chord = dehomogenise(meets)
-    far, near = chord[np.argsort(chord[:, 1])]
-    middle, along = 0.5 * (far + near), 0.5 * (far - near)
-    length = float(np.hypot(*along))
-    low, high = max(-0.95, offset[0] - _MARGIN) * length, min(0.95, offset[1] + _MARGIN) * length
-    position = np.arange(low, high, _STEP_PX)
-    if len(position) < 24:
-        return None
-    base = middle + position[:, None] / length * along
-    base += _bend(line, line_points_px, (line_points_px - middle) @ along / length, position)[:, None] * line[:2]
-    aim = pole(conic, line)
-    direction = aim[:2] - aim[2] * base
-    direction /= np.maximum(np.hypot(direction[:, :1], direction[:, 1:]), 1e-12)
-    direction *= np.where(direction[:, :1] < 0, -1.0, 1.0)
-    radius = half_chords(conic, base, direction)
-    if not np.isfinite(radius).all():
-        return None
-    # along a chord whose ends stay the field's scale at the disc is 1 - place^2
-    halves = radius_radii * np.stack([(1.0 - (position / length) ** 2) * length, radius], axis=-1)
-    offsets = 0.5 * (offset[0] + offset[1])
-    half = (radius_radii * (1.0 - offsets**2) * length, radius_radii * float(np.median(radius)))
-    reach = max(3.0 * half[1], half[1] + 8.0)
-    across = np.arange(-reach, reach + _STEP_PX / 2, _STEP_PX)
-    values = np.asarray(sample_profiles(picture, base, direction, across), np.float64)
-    # further out the picture may end
-    needed = half[1] + 1.5 * blur_px + 2.0 + _AROUND_PX
-    is_seen = np.isfinite(values)
-    sides = [(side * across >= -_LINE_PX) & (side * across <= needed) for side in (-1.0, 1.0)]
-    in_view = np.stack([is_seen[:, columns].all(axis=1) for columns in sides])
-    whole = in_view.any(axis=0)
-    if np.count_nonzero(whole) < 24:
-        return None
-    values = values[whole]
-    known = np.isfinite(values).any(axis=0)
-    values, across = values[:, known], across[known]
-    usual = (np.nanmedian if np.isnan(values).any() else np.median)(values, axis=0)
-    places = position[whole], across, base[whole], length, half, halves[whole]
-    return _Rectified(values - usual, usual, in_view[:, whole], *places)
-
-
-def _bend(line: Array, points_px: Array, places: Array, wanted: Array) -> Array:
-    """Distance (T,) of the paint from the straight line at wanted places along it: a running median, which goes on
-    beyond the measured points as a parabola through them does.
-    """
-    size = min(_BEND_POINTS, len(places))
-    if size < 3:
-        return np.zeros(len(wanted))
-    order = np.argsort(places)
-    low, high = np.searchsorted(places, (wanted[0], wanted[-1]), sorter=order).tolist()
-    order = order[max(0, low - 2 * size) : high + 2 * size]  # medians beyond bear on no wanted place
-    ordered = np.stack([places[order], line_distance(line, points_px[order])])
-    at, middle = np.lib.stride_tricks.sliding_window_view(ordered, size, axis=1)
-    at, middle = at.mean(axis=-1), np.median(middle, axis=-1)
-    course = np.polyfit(at, middle, min(2, len(at) - 1))
-    beyond = np.polyval(course, wanted) - np.polyval(course, np.clip(wanted, at[0], at[-1]))
-    return np.asarray(np.interp(wanted, at, middle) + beyond)
-
-
-def half_chords(conic: Array, points: Array, directions: Array) -> Array:
-    """Half lengths (N,) of the chords through points (N, 2) inside the conic along unit directions (N, 2)."""
-    (u, v), (x, y) = directions.T, points.T
-    (xx, xy, x1), (_, yy, y1), (_, _, one) = conic.tolist()
-    gx, gy = xx * x + xy * y + x1, xy * x + yy * y + y1
-    a, b = (xx * u + 2 * xy * v) * u + yy * v * v, u * gx + v * gy
-    c = gx * x + gy * y + x1 * x + y1 * y + one
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(np.sqrt(b * b - a * c) / np.abs(a))
-
-
-def _line_contrast(seen: _Rectified) -> float:
-    """Usual brightness of the halfway line over the surface beside it; where most of it is worn, that of the rest; 0
-    where the picture shows no surface beside it.
-    """
-    outer, paint = np.abs(seen.across) > 2.0 * seen.half_px[1] + 2.0, np.abs(seen.across) <= _LINE_PX
-    if not outer.any():
-        return 0.0
-    ground = float(np.median(seen.usual[outer]))
-    usual = float(seen.usual[paint].max()) - ground
-    left = float(np.quantile(seen.values[:, paint] + seen.usual[paint], _UNWORN, axis=0).max()) - ground
-    return usual if usual >= _MOSTLY_WORN * left else left
 
 
 @dataclass(frozen=True, slots=True)
@@ -317,7 +182,7 @@ def _join_sides(left: _Response, right: _Response) -> Array:
     return np.where(np.isinf(response), 0.0, response)
 
 
-def _response(seen: _Rectified, blur_px: float, inner_px: float, side: float) -> _Response:
+def _response(seen: RectifiedLine, blur_px: float, inner_px: float, side: float) -> _Response:
     """Contrast of a disc centred at each row, measured on one side of the line beyond its paint."""
     b, a = seen.half_px
     shown = seen.in_view[0 if side < 0 else 1]
@@ -330,9 +195,9 @@ def _response(seen: _Rectified, blur_px: float, inner_px: float, side: float) ->
     surface = (np.nanmean if np.isnan(surface).any() else np.mean)(surface, axis=1, keepdims=True)
     values = np.zeros((len(shown), np.count_nonzero(used)), np.float32)
     values[shown] = seen.values[shown][:, used] - surface
-    half = int(np.ceil((2.0 * b + 2.0 * blur_px + 2.0) / _STEP_PX))
-    t = np.arange(half + 1)[:, None] * _STEP_PX
-    disc = _disc_coverage(t, distance[used][None], b, a, blur_px)
+    half = int(np.ceil((2.0 * b + 2.0 * blur_px + 2.0) / STEP_PX))
+    t = np.arange(half + 1)[:, None] * STEP_PX
+    disc = disc_coverage(t, distance[used][None], b, a, blur_px)
     disc = np.concatenate([disc[:0:-1], disc])
     kernel = disc - disc.mean(axis=0)  # a change of the surface along the line has no response
     covered = float(np.maximum(kernel, 0.0).sum())
@@ -347,7 +212,7 @@ def _response(seen: _Rectified, blur_px: float, inner_px: float, side: float) ->
 
 
 def _bare_sides(
-    seen: _Rectified, peak: int, blur_px: float, inner_px: float, line_contrast: float
+    seen: RectifiedLine, peak: int, blur_px: float, inner_px: float, line_contrast: float
 ) -> tuple[bool, bool]:
     """On which sides of the line the disc ends where it should, with the line and the bare surface around it.
 
@@ -358,8 +223,8 @@ def _bare_sides(
     values = seen.values
     rise = seen.position - seen.position[peak]
     edge = b + 1.5 * blur_px
-    on = np.abs(rise) <= max(b, _STEP_PX)
-    beyond = [(side * rise > edge) & (side * rise <= edge + _AROUND_PX) for side in (-1.0, 1.0)]
+    on = np.abs(rise) <= max(b, STEP_PX)
+    beyond = [(side * rise > edge) & (side * rise <= edge + AROUND_PX) for side in (-1.0, 1.0)]
     if not all(rows.any() for rows in beyond):
         return False, False
     is_large = np.count_nonzero(on) > _LARGE_SHARE * len(on)
@@ -368,7 +233,7 @@ def _bare_sides(
         beside = side * seen.across
         rim = a + 1.5 * blur_px + 1.0
         disc = (beside > inner_px) & (beside <= a + blur_px)
-        aside = (beside > rim) & (beside <= max(_ASIDE_RADII * a, rim + 2.0 * _AROUND_PX))
+        aside = (beside > rim) & (beside <= max(_ASIDE_RADII * a, rim + 2.0 * AROUND_PX))
         lit[place] = [_median_level(values[rows][:, aside]) for rows in (on, *beyond)]
         is_shown = bool(seen.in_view[place, on | beyond[0] | beyond[1]].all())
         is_bare = is_shown and bool(abs(lit[place, 0]) <= _FADED * line_contrast)
@@ -440,7 +305,7 @@ class _LinePaint:
     elsewhere: float
 
 
-def _measure_line(seen: _Rectified, parts: Sequence[Mask], bare: Sequence[bool], rim_px: float) -> _LinePaint:
+def _measure_line(seen: RectifiedLine, parts: Sequence[Mask], bare: Sequence[bool], rim_px: float) -> _LinePaint:
     """The line on parts (T,) of it, of which the disc covers the first. Where it is darker than the ground something
     stands there, while worn paint only leaves the ground.
     """
@@ -464,7 +329,7 @@ def _fades_beyond(shown: Array, faded: float) -> bool:
     return bool(max(around) <= faded * here and min(around) >= -here)
 
 
-def _looks_like_ball(seen: _Rectified, peak: int, blur_px: float, inner_px: float, sides: tuple[bool, bool]) -> bool:
+def _looks_like_ball(seen: RectifiedLine, peak: int, blur_px: float, inner_px: float, sides: tuple[bool, bool]) -> bool:
     """Whether what is seen beside the line, on the sides where the disc ends, is rather round than foreshortened as the
     field is: a ball at a kick-off hides the mark, and is seen above its place.
     """
@@ -472,8 +337,8 @@ def _looks_like_ball(seen: _Rectified, peak: int, blur_px: float, inner_px: floa
     radii = [share * a for share in _ROUND_HALVES if share * a >= _ROUNDED * b]
     if not radii:
         return False
-    step = np.rint((seen.position - seen.position[peak]) / _STEP_PX).astype(int)
-    reach = round((2.0 * max(b, *radii) + 2.0 * blur_px + 3.0) / _STEP_PX)
+    step = np.rint((seen.position - seen.position[peak]) / STEP_PX).astype(int)
+    reach = round((2.0 * max(b, *radii) + 2.0 * blur_px + 3.0) / STEP_PX)
     beside = np.where(seen.across < 0, sides[0], sides[1]) & (np.abs(seen.across) > inner_px)
     columns = beside & (np.abs(seen.across) <= a + 1.5 * blur_px)
     values = seen.values[:, columns]
@@ -494,22 +359,13 @@ def _least_misfit(
     less than half a ``reach`` along the line away from its middle; ``step`` (T,) numbers the rows from there.
     """
     shifts = np.arange(-(reach // 2), reach // 2 + 1)
-    distance = np.arange(2 * reach + 1)[:, None] * _STEP_PX
-    shape = _disc_coverage(distance, across[None], *halves, blur_px)[np.abs(step - shifts[:, None])]
+    distance = np.arange(2 * reach + 1)[:, None] * STEP_PX
+    shape = disc_coverage(distance, across[None], *halves, blur_px)[np.abs(step - shifts[:, None])]
     shape = shape - shape.mean(axis=(1, 2), keepdims=True)
     about = values - values.mean()
     size = np.sqrt((shape**2).sum(axis=(1, 2)) * (about**2).sum())
     alike = (shape * about).sum(axis=(1, 2)) / np.maximum(size, 1e-12)
     return 1.0 - float(np.max(alike, initial=0.0)) ** 2
-
-
-def _disc_coverage(t: Rows, s: Rows, b: float, a: float, blur_px: float) -> Array:
-    """Coverage of an ellipse with half axes ``b`` along t and ``a`` along s, its edge softened by the blur."""
-    steps = np.linspace(-2.0, 2.0, 7)
-    fine, weight = steps * blur_px, np.exp(-0.5 * steps**2)
-    spread = (t[..., None, None] - fine[:, None]) / b, (s[..., None, None] - fine) / a
-    inside = spread[0] ** 2 + spread[1] ** 2 <= 1.0
-    return np.asarray((inside * (weight[:, None] * weight)).sum(axis=(-1, -2)) / weight.sum() ** 2)
 
 
 def _peak_position(position: Array, response: Array, peak: int) -> float:
@@ -519,4 +375,4 @@ def _peak_position(position: Array, response: Array, peak: int) -> float:
     before, here, after = response[top - 1 : top + 2]
     bend = before - 2 * here + after
     shift = 0.5 * (before - after) / bend if bend < 0 else 0.0
-    return float(position[top] + np.clip(shift, -1.0, 1.0) * _STEP_PX)
+    return float(position[top] + np.clip(shift, -1.0, 1.0) * STEP_PX)

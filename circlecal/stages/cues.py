@@ -14,12 +14,14 @@ from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.conics import line_conic_meet, pole
 from circlecal.geometry.projective import Array, dehomogenise, fit_line, join, lift, line_distance
 from circlecal.observations import CircleEdge, LineEnd, LinePoints, Observations
-from circlecal.paint.centre_mark import SeenMark, find_centre_mark, half_chords
+from circlecal.paint.centre_mark import find_centre_mark
 from circlecal.paint.ends import paint_ends
 from circlecal.paint.following import clip_segment, follow_line, widths_at
 from circlecal.paint.hidden_ends import leave_out_hidden_ends
 from circlecal.paint.lines import ONE_ROUND, TWO_ROUNDS, Rounds, measure_lines
+from circlecal.paint.mark_under_ball import find_mark_under_ball
 from circlecal.paint.profiles import GrayPicture
+from circlecal.paint.rectified_line import half_chords
 from circlecal.paint.strays import keep_on_course
 from circlecal.results import Cues, EllipseFit, EllipseFits, LineCue, MarkCue, MarkingMask, Segment
 
@@ -438,18 +440,19 @@ def _centre_mark(
     low, high = config.mark_offset
     spare = SHORT_ARC_SPARE * max(0.0, 1.0 - fit.arc_deg / SHORT_ARC_DEG)
 
-    def find(spare: float, least_snr: float) -> SeenMark | None:
-        return find_centre_mark(
-            picture,
-            halfway.line,
-            halfway.points_px,
-            fit.conic,
-            template.mark_by_name["centre_mark"].diameter_m / radius,
-            template.marking_width_m / radius,
-            float(np.clip(blur_px, 0.5, 3.0)),
-            (low - spare, high + spare),
-            least_snr,
-        )
-
-    found = find(spare, config.mark_snr) or find(spare + FARTHER, CLEAR_TIMES * config.mark_snr)
+    given = (
+        picture,
+        halfway.line,
+        halfway.points_px,
+        fit.conic,
+        template.mark_by_name["centre_mark"].diameter_m / radius,
+        template.marking_width_m / radius,
+        float(np.clip(blur_px, 0.5, 3.0)),
+    )
+    usual, wider = ((low - more, high + more) for more in (spare, spare + FARTHER))
+    found = (
+        find_centre_mark(*given, usual, config.mark_snr)
+        or find_centre_mark(*given, wider, CLEAR_TIMES * config.mark_snr)
+        or find_mark_under_ball(*given, wider)
+    )
     return None if found is None else MarkCue("centre_mark", found.point_px, found.sigma_px, found.snr)

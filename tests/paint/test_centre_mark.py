@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from circlecal.geometry.ellipses import Ellipse, conic_from_ellipse
-from circlecal.paint.centre_mark import SeenMark, _Rectified, _response, find_centre_mark
+from circlecal.paint.centre_mark import SeenMark, _response, find_centre_mark
+from circlecal.paint.rectified_line import RectifiedLine
 
 MIDDLE = np.array([200.0, 150.0])
 AXES_PX = np.array([180.0, 90.0])
@@ -129,7 +130,7 @@ def test_a_disc_too_small_to_reach_beyond_its_line_has_no_response():
     """Nothing is divided by nothing."""
     rows, across = 40, np.arange(-30.25, 30.0, 0.5)
     values, zeros = np.full((rows, len(across)), 90.0, np.float32), np.zeros(rows)
-    seen = _Rectified(
+    seen = RectifiedLine(
         values=values,
         usual=values[0],
         in_view=np.ones((2, rows), np.bool_),

@@ -9,10 +9,11 @@ import pytest
 from circlecal.field import load_field
 from circlecal.geometry.projective import line_distance
 from circlecal.observations import Keypoint, LinePoints, MarkPoint, Observations
-from circlecal.paint.centre_mark import _bare_sides, _Rectified
+from circlecal.paint.centre_mark import _bare_sides
 from circlecal.paint.lines import measure_lines
 from circlecal.paint.other_paints import are_painted_otherwise, leave_out_other_paints, leave_out_yellow_lines
 from circlecal.paint.profiles import to_gray
+from circlecal.paint.rectified_line import RectifiedLine
 from circlecal.results import Cues, EllipseFits, LineCue, Segment
 from circlecal.stages.cues import CuesConfig, _line_cue, _split_pieces, cues_from_observations, find_cues
 
@@ -479,7 +480,7 @@ def test_a_large_faint_mark_lies_on_the_ground_beside_it():
     values = -6.0 * (np.abs(along) < 30.0) + 9.0 * ((along / 15.0) ** 2 + (aside / 12.0) ** 2 < 1.0)
     halves = np.tile([15.0, 12.0], (len(position), 1))
     line = position, across, np.zeros((len(position), 2)), 200.0, (15.0, 12.0), halves
-    seen = _Rectified(values, 0.0 * across, np.ones((2, len(position)), np.bool_), *line)
+    seen = RectifiedLine(values, 0.0 * across, np.ones((2, len(position)), np.bool_), *line)
     assert _bare_sides(seen, 120, 1.0, 6.0, 20.0) == (True, True)
 
 
