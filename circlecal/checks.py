@@ -325,6 +325,12 @@ CHECKS: dict[str, Gate] = {
         at_least=True,
         words="the lines beside the disc are not where the camera puts them: it may be seen from the other side",
     ),
+    "least_line_share": Gate(
+        "markings_missing",
+        "least share of one of them, if it is long in view, that is there",
+        at_least=True,
+        words="a line beside the disc is not where the camera puts it: it may be seen from the other side",
+    ),
     "surface_share": Gate(
         "picture_contradicts",
         "share of the markings in the picture that lie on the playing surface",

@@ -9,6 +9,7 @@ from circlecal.field import Circle, FieldTemplate
 from circlecal.geometry.projective import Array
 from circlecal.pipeline.attempts import measure
 from circlecal.pipeline.other_circles import interpret_otherwise
+from circlecal.pipeline.other_fields import is_dark_disc, judge_lines
 from circlecal.pipeline.placed_field import PLACED_FIELD, place_about_rims
 from circlecal.pipeline.placed_view import see_rims
 from circlecal.pipeline.refinements import Retry, calibrate_scene
@@ -41,7 +42,7 @@ def take_rims(setting: Setting, scene: Scene, first: Attempt) -> Iterator[Attemp
     """
     told = _tell_rims(setting)
     relief = Scene(scene.image, scene.gray, None, scene.extra, None, relief=see_rims(scene), covered=scene.covered)
-    attempt = calibrate_scene(told, relief)
+    attempt = _refuse_other_side(setting, scene, calibrate_scene(told, relief))
     yield attempt
     yield from interpret_otherwise(told, relief, attempt)
     if setting.circle.fill == "disc":
@@ -50,6 +51,16 @@ def take_rims(setting: Setting, scene: Scene, first: Attempt) -> Iterator[Attemp
         placed = place_about_rims(setting, scene, first, _find_rims(told, relief, attempt))
     if placed is not None:
         yield placed
+
+
+def _refuse_other_side(setting: Setting, scene: Scene, attempt: Attempt) -> Attempt:
+    """The attempt, refused where the lines beside a disc are not there as its camera has them: a disc, and two lines
+    through its middle, look alike from both sides.
+    """
+    if not (attempt.is_calibrated and is_dark_disc(setting.circle, setting.template)):
+        return attempt
+    judged = judge_lines(scene, attempt, setting.template, setting.circle)
+    return attempt if judged.is_calibrated else judged
 
 
 def _find_rims(setting: Setting, relief: Scene, attempt: Attempt) -> list[Array]:

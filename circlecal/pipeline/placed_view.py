@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from circlecal.errors import EstimationError
-from circlecal.field import Circle
+from circlecal.field import Circle, FieldTemplate
 from circlecal.field.view import FieldView
 from circlecal.geometry.conics import sampson_distance
 from circlecal.observations import CirclePoints, LineEnd, MarkingKey, Observations
@@ -170,6 +170,7 @@ def _calibrate_view(
             noise=edges.noise,
             config=setting.config.rays,
             follows_curves=follows,
+            plain=None if scene.relief is None else _see_lines(scene, template),
         )
         circles = (*circles, *_measure_rims(setting, scene, mask, view, circles))
         lines = leave_out_short_borders(view, template, view.center_of(setting.circle, template), lines, ends)
@@ -195,6 +196,15 @@ def _measure_rims(
     if not shown:
         return ()
     return measure_logo_rims(scene.image, view, template, shown, mask.field_region, setting.config.rays)
+
+
+def _see_lines(scene: Scene, template: FieldTemplate) -> NDArray[np.uint8] | None:
+    """Brightness (H, W) in which the field's lines are light; None where they may be lighter or darker than the
+    field.
+    """
+    if template.polarity == "any":
+        return None
+    return ~scene.gray if template.polarity == "dark" else scene.gray
 
 
 def see_rims(scene: Scene) -> NDArray[np.uint8]:

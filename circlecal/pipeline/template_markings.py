@@ -13,6 +13,7 @@ from circlecal.line_naming.marking_places import lie_on_surface
 from circlecal.observations import CirclePoints, LinePoints
 from circlecal.paint.along_curve import RaysConfig, measure_along_curve, measure_along_model
 from circlecal.paint.lines import ONE_ROUND, measure_lines
+from circlecal.paint.local_energy import widest_band_px
 from circlecal.paint.predicted_width import WIDE_PX
 from circlecal.paint.profiles import GrayPicture
 from circlecal.results import Segment
@@ -50,6 +51,7 @@ def measure_template(
     config: RaysConfig,
     *,
     follows_curves: bool = True,
+    plain: GrayPicture | None = None,
 ) -> tuple[tuple[CirclePoints, ...], tuple[LinePoints, ...]]:
     """Points on the circles, arcs and straight markings of a field where a view puts them.
 
@@ -70,6 +72,8 @@ def measure_template(
     follows_curves : bool
         Whether bent and wide lines are measured along their curves; among many players and boards a robust line loses
         fewer of them (one of nine rendered courts had no answer).
+    plain : (H, W) uint8 or float32, optional
+        Brightness again where ``picture`` shows edges as bands, which broad lines have two of: they are measured here.
     """
     height, width = picture.shape
     circles, curves = [], template.polylines()
@@ -83,7 +87,7 @@ def measure_template(
         if on.sum() >= max(FEWEST_ON_CIRCLE, CIRCLE_SHARE * steps.sum() / config.spacing_px):
             circles.append(CirclePoints(circle.name, "center", points[on], sigma[on]))
     return tuple(circles), measure_straight_markings(
-        picture, view, template, template.lines, region, noise, config, follows_curves=follows_curves
+        picture, view, template, template.lines, region, noise, config, follows_curves=follows_curves, plain=plain
     )
 
 
@@ -97,6 +101,7 @@ def measure_straight_markings(
     config: RaysConfig,
     *,
     follows_curves: bool = True,
+    plain: GrayPicture | None = None,
 ) -> tuple[LinePoints, ...]:
     """Points on those of the straight markings of which enough is seen; the parameters are those of
     :func:`measure_template`.
@@ -109,14 +114,19 @@ def measure_straight_markings(
     placed = [(line, *_place_line(view, template, line, region, (height, width))) for line in lines]
     placed = [(line, places, sides) for line, places, sides in placed if _length(places) >= SHORTEST_LINE * width]
     courses = [(places, sides) for _, places, sides in placed]
-    straight = [not follows_curves or _is_plain(places, sides, unit) for places, sides in courses]
-    measured = iter(_measure_plain(picture, [c for c, plain in zip(courses, straight, strict=True) if plain], noise))
+    broad = [plain is not None and _is_broad(sides, widest_band_px(width)) for _, sides in courses]
+    straight = [
+        not is_broad and (not follows_curves or _is_plain(places, sides, unit))
+        for (places, sides), is_broad in zip(courses, broad, strict=True)
+    ]
+    measured = iter(_measure_plain(picture, [c for c, is_one in zip(courses, straight, strict=True) if is_one], noise))
     found = []
-    for (line, places, sides), plain in zip(placed, straight, strict=True):
+    for (line, places, sides), is_straight, is_broad in zip(placed, straight, broad, strict=True):
+        shown = plain if is_broad and plain is not None else picture
         points, sigma = (
             next(measured)
-            if plain
-            else measure_along_curve(picture, places, sides, LINE_SEARCH_PX * unit, noise, config)
+            if is_straight
+            else measure_along_curve(shown, places, sides, LINE_SEARCH_PX * unit, noise, config)
         )
         if _is_seen(points, places, unit):
             found.append(LinePoints(line.name, points, sigma))
@@ -128,6 +138,12 @@ def _is_plain(places: Array, sides: Array, unit: float) -> bool:
     span = places[-1] - places[0]
     off = np.abs((places - places[0]) @ np.array([-span[1], span[0]])) / np.linalg.norm(span)
     return bool(off.max() <= STRAIGHT_PX * unit and np.linalg.norm(sides[1] - sides[0], axis=1).max() <= WIDE_PX * unit)
+
+
+def _is_broad(sides: Array, widest_px: float) -> bool:
+    """Whether a line with edges (2, N, 2) is mostly wider than that in the picture."""
+    width = np.linalg.norm(sides[1] - sides[0], axis=1)
+    return len(width) > 0 and float(np.median(width)) > widest_px
 
 
 def _measure_plain(

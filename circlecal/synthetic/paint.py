@@ -85,7 +85,7 @@ def paint_layers(
     for element in _elements(template) if elements is None else elements:
         if element.name in skipped:
             continue
-        width_m = (widths_m or {}).get(element.name, marking_width_m)
+        width_m = (widths_m or {}).get(element.name, template.paint_width(element, marking_width_m))
         rows, columns = _pixels_near(camera, surface, *_outline(template, element, width_m))
         if len(rows) == 0:
             continue

@@ -12,6 +12,7 @@ from circlecal.field import FieldTemplate, load_field
 from circlecal.geometry.camera import Camera
 from circlecal.geometry.projective import Array
 from circlecal.geometry.surface import Surface
+from circlecal.paint.along_curve import WIDTH_RATIO
 from circlecal.synthetic.alterations import ALTERATIONS
 from circlecal.synthetic.cameras import sample_camera
 from circlecal.synthetic.decals import Decal, floor_decals, grass_decals, rink_decals
@@ -23,7 +24,7 @@ from circlecal.synthetic.negatives import negative_scene
 from circlecal.synthetic.other_sports import choose_circle, court_decals, court_paint, faceoff_paint, rink_logos, robots
 from circlecal.synthetic.painters import displace_markings
 from circlecal.synthetic.renderer import Rendering, render
-from circlecal.synthetic.scene import ExtraPaint, Player, Scene, sample_player
+from circlecal.synthetic.scene import ExtraPaint, Player, RenderConfig, Scene, sample_player
 from circlecal.synthetic.views import CameraProfile
 
 SceneProfile = Literal[
@@ -204,7 +205,7 @@ def sample_scene(
     if profile == "cut":
         camera = _cut(camera, rng)
         stored = camera.width, camera.height
-    config = sample_config(profile, rng, stored[0])
+    config = _suit_paint(sample_config(profile, rng, stored[0]), field)
     players = robots(field, rng) if profile == "robots" else players_in_view(profile, camera, field, surface, rng)
     if profile == "world_ends":
         players = (*players, *_at_line_ends(field, rng))
@@ -229,7 +230,7 @@ def sample_scene(
         delivery,
         extras=_extras(profile, field, rng),
         decals=_decals(profile, field, rng),
-        widths_m=_WIDE_LINES_M if profile in ("ice", "rink") else {},
+        widths_m=_WIDE_LINES_M if profile in ("ice", "rink") and _is_rink(field) else {},
         alteration=ALTERATIONS[rng.integers(len(ALTERATIONS))] if profile == "altered" else "",
         painted=displace_markings(field, rng),
     )
@@ -253,7 +254,24 @@ def render_frame(
     return render(sample_scene(profile, rng, width, height, template), rng)
 
 
+def _suit_paint(config: RenderConfig, template: FieldTemplate) -> RenderConfig:
+    """The look with paint as wide as the field's where the profile's is none of it: a curling sheet has lines of half
+    an inch, not those of a rink.
+    """
+    low, high = WIDTH_RATIO
+    if low < config.marking_width_m / template.marking_width_m < high:
+        return config
+    return config.model_copy(update={"marking_width_m": template.marking_width_m})
+
+
+def _is_rink(template: FieldTemplate) -> bool:
+    """Whether a field on ice has what only hockey paints."""
+    return template.sport == "ice hockey"
+
+
 def _extras(profile: str, template: FieldTemplate, rng: np.random.Generator) -> tuple[ExtraPaint, ...]:
+    if profile in ("ice", "rink") and not _is_rink(template):
+        return ()
     if profile == "ice":
         return rink_paint(template, rng)
     if profile == "wood":
@@ -268,6 +286,8 @@ def _extras(profile: str, template: FieldTemplate, rng: np.random.Generator) -> 
 
 
 def _decals(profile: str, template: FieldTemplate, rng: np.random.Generator) -> tuple[Decal, ...]:
+    if profile in ("ice", "rink") and not _is_rink(template):
+        return ()
     if profile == "ice":
         return rink_decals(template.length_m, rng)
     if profile == "wood":

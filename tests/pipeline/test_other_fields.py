@@ -16,6 +16,7 @@ from circlecal.geometry.surface import FLAT
 from circlecal.observations import MarkingKey
 from circlecal.pipeline import calibrate_image, other_fields
 from circlecal.pipeline.other_fields import AGREEMENT_RATIO, FIELD_RATIO, refuse_other_field
+from circlecal.pipeline.setting import Scene as PictureScene
 from circlecal.placement import LaidField, Outlines, SeenPaint, SurfaceRidges, ViewEvidence, lay_over_view
 from circlecal.placement.paint_maps import _map_ridges
 from circlecal.results import Agreement
@@ -209,6 +210,26 @@ def test_a_house_from_behind_is_told_by_its_lines(monkeypatch):
     )
     monkeypatch.setattr(other_fields, "look_for_markings", lambda *_: missed)
     assert calibrate_image(picture, config, frame_id="house").verdict.code == "markings_missing"
+
+
+def test_a_house_is_told_by_a_single_line_that_is_bare(monkeypatch):
+    """Circle, tee line and centre line lie alike about a camera on the other side, 1,000 px off, which was believed: of
+    all its lines three quarters are there, but nothing of the back line.
+    """
+    picture, _ = render_house()
+    found = calibrate_image(picture, load_config(None, {"field.template": "curling"}), frame_id="house")
+    assert found.verdict.check("least_line_share").value > 0.5
+    one_bare = Agreement(
+        ("centre_line", "tee_line_right", "back_line_right"),
+        np.array([900.0, 200.0, 200.0]),
+        np.array([0.86, 0.9, 0.0]),
+    )
+    monkeypatch.setattr(other_fields, "look_for_markings", lambda *_: one_bare)
+    template = load_field("curling")
+    scene = PictureScene(picture, picture[..., 0], None, None, None)
+    judged = other_fields.judge_lines(scene, found.attempt, template, template.circle_by_name["twelve_foot_right"])
+    assert judged.code == "markings_missing"
+    assert judged.verdict.check("lines_found_share").passed
 
 
 def test_a_touchline_that_the_halfway_line_ends_beside_carries_no_camera():

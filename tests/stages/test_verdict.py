@@ -195,6 +195,7 @@ def test_a_good_camera_is_accepted_with_every_check():
         "noise_beside_mark",
         "arc_residual_px",
         "other_size_share",
+        "least_line_share",
         "lines_found_share",
         "surface_share",
         "painted_width_m",

@@ -1,11 +1,13 @@
 """Painted discs: a curling house."""
 
 import numpy as np
+import pytest
 
 from circlecal.field import load_field
 from circlecal.geometry.surface import FLAT
 from circlecal.synthetic.cameras import aim_camera
 from circlecal.synthetic.paint import paint_layers
+from circlecal.synthetic.sampling import sample_scene
 
 
 def test_a_disc_is_filled_up_to_its_rim_and_lies_under_the_lines():
@@ -26,3 +28,24 @@ def test_a_disc_is_filled_up_to_its_rim_and_lies_under_the_lines():
     middle = camera.project(np.array([[x, y, 0.0]]))[0]
     assert area > 500
     assert layer.coverage[np.argmin(np.hypot(layer.columns - middle[0], layer.rows - middle[1]))] > 0.99
+
+
+def test_a_line_that_is_wider_than_the_others_is_painted_so():
+    """The hog line has 4 inches, the others half an inch: all were painted 5 cm wide."""
+    template = load_field("curling")
+    line = template.line_by_name["hog_line_left"]
+    x = template.line_ends(line)[0, 0]
+    camera = aim_camera(np.array([x, 0.0, -5.0]), np.array([x, 0.01, 0.0]), 1000.0, 0.0, 320, 180)
+    (layer,) = (one for one in paint_layers(camera, template, FLAT, 0.0127) if one.name == line.name)
+    row = layer.rows == 90
+    assert layer.coverage[row].sum() / 200.0 == pytest.approx(template.paint_width(line), abs=0.002)
+
+
+def test_a_sheet_of_curling_has_nothing_of_a_rink():
+    """Its centre line was 30 cm wide, its house lay under a crease and adverts, and its lines were 5 cm wide."""
+    template = load_field("curling")
+    scene = sample_scene("ice", np.random.default_rng(1), 640, 360, template)
+    assert (scene.extras, scene.decals, dict(scene.widths_m)) == ((), (), {})
+    assert scene.config.marking_width_m == template.marking_width_m
+    rink = sample_scene("ice", np.random.default_rng(1), 640, 360)
+    assert rink.extras and rink.decals and rink.widths_m

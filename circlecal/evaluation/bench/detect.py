@@ -32,6 +32,8 @@ ANY_SIZE_SD = {"length_sd_m": (120.0 - 90.0) / 12**0.5, "width_sd_m": (90.0 - 45
 """Standard deviations of the sizes that Law 1 allows, metres: 90-120 by 45-90 m, all alike."""
 FIELD_KINDS = ("penalty_area", "corner", "goal_mouth", "behind_net", "crowd", "close_up", "grass", "wipe", "board")
 """Kinds of frames without the circle that show a soccer field, and perhaps enough of its lines."""
+BEHIND_PX = 1e5
+"""How far off a point counts that a camera has behind itself, where two cameras are compared."""
 CHI2_90 = 4.605
 """90 % point of chi-square with two degrees of freedom."""
 
@@ -139,18 +141,22 @@ def compare(truth: Truth, fit: CameraFit) -> tuple[float, float, float]:
     surface, grid = truth.surface, _visible(truth)
     if len(grid) == 0 or (truth.visible_circle_deg == 0.0 and truth.kind not in FIELD_KINDS):
         return float("inf"), 0.0, 0.0
-    seen = project(fit.theta[None], grid[None], fit.model)
-    difference = seen.pixels[0] - camera.project(surface.lift(grid))
-    flipped = fit.view.project(-grid) - camera.project(surface.lift(grid))
-    if np.linalg.norm(flipped, axis=-1).mean() < np.linalg.norm(difference, axis=-1).mean():
-        difference = flipped
-    by_theta = seen.jacobians()[0][0]
+    true = camera.project(surface.lift(grid))
+    # the field turned by 180 degrees is the same: errors, and what is said of them, are those of the nearer one
+    near = min((grid, -grid), key=lambda places: _mean_distance_px(fit.view.project(places), true))
+    seen = project(fit.theta[None], near[None], fit.model)
+    difference, by_theta = seen.pixels[0] - true, seen.jacobians()[0][0]
     spread = np.einsum("nip,pq,njq->nij", by_theta, fit.covariance, by_theta)
     distance = np.einsum("ni,nij,nj->n", difference, np.linalg.inv(spread), difference)
     sigma, _ = seen.sigma(fit.covariance)
     unit = 1920.0 / camera.width
     error = float(np.linalg.norm(difference, axis=-1).mean()) * unit
     return error, float(sigma.mean()) * unit, float(np.mean(distance < CHI2_90))
+
+
+def _mean_distance_px(here: Array, there: Array) -> float:
+    """Mean distance of pixels (N, 2), of which those behind the camera are far off."""
+    return float(np.nan_to_num(np.linalg.norm(here - there, axis=-1), nan=BEHIND_PX).mean())
 
 
 def predict_error_px(truth: Truth, config: Config) -> float:
