@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from circlecal.geometry.projective import Array, Mask
 from circlecal.paint.profiles import GrayPicture
@@ -346,25 +347,25 @@ def _looks_like_ball(seen: RectifiedLine, peak: int, blur_px: float, inner_px: f
     values, step = values[rows], step[rows]
     if not columns.any() or np.ptp(values) == 0.0:
         return False
-    across = seen.across[columns]
-    halves = ((b, a), *((radius, radius) for radius in radii))
-    mark, *balls = (_least_misfit(values, step, across, reach, shape, blur_px) for shape in halves)
-    return min(balls) < min(mark, _BALL_MISFIT)
+    # rows farther away than any shift
+    along, across = np.arange(-2 * reach, 2 * reach + 1)[:, None] * STEP_PX, seen.across[columns][None]
+    mark = disc_coverage(along, across, b, a, blur_px)
+    balls = [ndtr((radius - seen.distance_px(along, across)) / blur_px) for radius in radii]
+    least, *rounder = (_least_misfit(values, step, shape) for shape in (mark, *balls))
+    return min(rounder) < min(least, _BALL_MISFIT)
 
 
-def _least_misfit(
-    values: Array, step: NDArray[np.int_], across: Array, reach: int, halves: tuple[float, float], blur_px: float
-) -> float:
-    """Share of the variance of brightnesses (T, S) that a light ellipse with such half axes leaves where it fits best,
-    less than half a ``reach`` along the line away from its middle; ``step`` (T,) numbers the rows from there.
+def _least_misfit(values: Array, step: NDArray[np.int_], shape: Array) -> float:
+    """Share of the variance of brightnesses (T, S) that a light shape (4 K + 1, S) leaves where it fits best, at most K
+    / 2 rows along the line away from its middle, from which ``step`` (T,) counts the rows.
     """
-    shifts = np.arange(-(reach // 2), reach // 2 + 1)
-    distance = np.arange(2 * reach + 1)[:, None] * STEP_PX
-    shape = disc_coverage(distance, across[None], *halves, blur_px)[np.abs(step - shifts[:, None])]
-    shape = shape - shape.mean(axis=(1, 2), keepdims=True)
+    middle = len(shape) // 2
+    shifts = np.arange(-(middle // 4), middle // 4 + 1)
+    moved = shape[middle + step - shifts[:, None]]
+    moved = moved - moved.mean(axis=(1, 2), keepdims=True)
     about = values - values.mean()
-    size = np.sqrt((shape**2).sum(axis=(1, 2)) * (about**2).sum())
-    alike = (shape * about).sum(axis=(1, 2)) / np.maximum(size, 1e-12)
+    size = np.sqrt((moved**2).sum(axis=(1, 2)) * (about**2).sum())
+    alike = (moved * about).sum(axis=(1, 2)) / np.maximum(size, 1e-12)
     return 1.0 - float(np.max(alike, initial=0.0)) ** 2
 
 

@@ -82,7 +82,7 @@ def find_mark_under_ball(
     across = across_directions(conic, normalise_line(line), seen.base)
     middle = len(seen.base) // 2
     axes = np.stack([along[middle], across[middle]], axis=-1)
-    scenes = [_place_ball(seen.half_px, share * seen.half_px[1], axes, blur_px) for share in BALL_HALVES]
+    scenes = [_place_ball(seen, share * seen.half_px[1], axes, blur_px) for share in BALL_HALVES]
     found = [(*_search(seen, scene, inner, offset, contrast), scene) for scene in scenes]
     misfit, row, scene = min(found, key=lambda one: one[0])
     if misfit > MOST_MISFIT:
@@ -104,17 +104,21 @@ def _may_show_ball(seen: RectifiedLine, inner_px: float, contrast: float) -> boo
 
 @dataclass(frozen=True, slots=True)
 class _Scene:
-    """A mark with half axes ``half_px`` along and across the line, and a ball that touches the ground in its middle.
+    """A mark on a line, and a ball that touches the ground in its middle.
 
-    ``ball`` (2,) is where the ball's middle is seen, along the line and along the field's other axis from the mark's,
-    px; ``cosine`` that of the angle between these in the picture.
+    ``ball`` (2,) is where the ball's middle is ``seen``, along the line and along the field's other axis from the
+    mark's, px.
     """
 
-    half_px: tuple[float, float]
+    seen: RectifiedLine
     radius_px: float
     blur_px: float
     ball: Array
-    cosine: float
+
+    @property
+    def half_px(self) -> tuple[float, float]:
+        """Half axes of the mark along and across the line."""
+        return self.seen.half_px
 
     @property
     def reach(self) -> tuple[float, float, float]:
@@ -129,9 +133,7 @@ class _Scene:
         """How far beyond the ball's edge places lie that are ``t`` along the line from the mark's middle and ``s``
         beside it, px; negative on the ball.
         """
-        along, beside = t - self.ball[0], s - self.ball[1]
-        square = along**2 + beside**2 + 2.0 * self.cosine * along * beside
-        return np.asarray(np.sqrt(np.maximum(square, 0.0)) - self.radius_px)
+        return self.seen.distance_px(t - self.ball[0], s - self.ball[1]) - self.radius_px
 
     def cover(self, t: Array, s: Array) -> tuple[Array, Array]:
         """Shares of mark and of ball at such places."""
@@ -139,14 +141,13 @@ class _Scene:
         return disc_coverage(t, s, *self.half_px, self.blur_px) * (1.0 - ball), ball
 
 
-def _place_ball(half_px: tuple[float, float], radius_px: float, axes: Array, blur_px: float) -> _Scene:
+def _place_ball(seen: RectifiedLine, radius_px: float, axes: Array, blur_px: float) -> _Scene:
     """The scene with a ball of such a radius; ``axes`` (2, 2) are the directions of the line and of the field's other
     axis in the picture, as columns.
     """
-    b, a = half_px
+    b, a = seen.half_px
     above_px = radius_px * float(np.sqrt(max(0.0, 1.0 - (b / a) ** 2)))
-    ball = np.linalg.solve(axes, np.array([0.0, -above_px]))
-    return _Scene(half_px, radius_px, blur_px, ball, float(axes[:, 0] @ axes[:, 1]))
+    return _Scene(seen, radius_px, blur_px, np.linalg.solve(axes, np.array([0.0, -above_px])))
 
 
 def _search(

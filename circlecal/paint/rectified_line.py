@@ -62,7 +62,7 @@ class RectifiedLine:
     sides of the line, left and right, the picture shows all that a disc there would cover or lie beside.
     ``position`` (T,) along the line and ``across`` (S,) in px; ``base`` (T, 2) the places on the line, ``length`` its
     half chord in px; ``half_px`` the disc's half axes along and across in the middle of the allowed range,
-    ``halves_px`` (T, 2) at each place.
+    ``halves_px`` (T, 2) at each place; ``cosine`` is that of the angle between the two axes in the picture.
     """
 
     values: Array
@@ -74,6 +74,12 @@ class RectifiedLine:
     length: float
     half_px: tuple[float, float]
     halves_px: Array
+    cosine: float = 0.0
+
+    def distance_px(self, along_px: Array, across_px: Array) -> Array:
+        """How far from each other two places are in the picture that differ by so much along the axes."""
+        square = along_px**2 + across_px**2 + 2.0 * self.cosine * along_px * across_px
+        return np.asarray(np.sqrt(np.maximum(square, 0.0)))
 
 
 def rectify_line(
@@ -140,7 +146,8 @@ def rectify_line(
     known = np.isfinite(values).any(axis=0)
     values, across = values[:, known], across[known]
     usual = (np.nanmedian if np.isnan(values).any() else np.median)(values, axis=0)
-    places = position[whole], across, base[whole], length, half, halves[whole]
+    cosine = float(np.median(direction @ along)) / length
+    places = position[whole], across, base[whole], length, half, halves[whole], cosine
     return RectifiedLine(values - usual, usual, in_view[:, whole], *places)
 
 
