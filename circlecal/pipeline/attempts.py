@@ -13,6 +13,7 @@ from circlecal.camera.report import weigh_painters
 from circlecal.errors import EstimationError
 from circlecal.geometry.projective import Array
 from circlecal.observations import CirclePoints, LinePoints, MarkPoint, Observations
+from circlecal.paint.mark_colour import leave_out_other_mark
 from circlecal.paint.other_paints import are_painted_otherwise, leave_out_other_paints, leave_out_yellow_lines
 from circlecal.pipeline.setting import Scene, Setting, lighten_markings
 from circlecal.refusals import Confidence, explain, refuse
@@ -86,6 +87,8 @@ def measure(
             cues = find_cues(picture, marking, ellipses, edges.noise, template, config.cues, edges.blur_px)
             cues = scene.clear_cues(cues)
             cues = set_apart_other_sports(setting, scene, marking, ellipses, cues)
+            if template.is_in_one_paint and scene.relief is None:
+                cues = leave_out_other_mark(scene.image, cues)
             arcs = tuple(arc.points_px for arc in marking.arcs)
             observations = replace(observe(setting, ellipses, cues, edges.blur_px), curves=arcs)
             attempt = replace(attempt, cues=cues, observations=observations)
