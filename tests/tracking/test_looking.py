@@ -72,7 +72,7 @@ def test_an_arc_of_a_penalty_area_is_no_circle_that_carries_a_frame(picture: Loo
         shown = LookedAt.of(draw(head, np.random.default_rng(1)), load_config().mask)
         entry = Entry(0, 0.0, SIZE, 0, place)
         look = place.look(shown, head, spread)
-        entry.take(look, head, spread)
+        entry.take(look, look.fit.head)
         carried.append(entry.carriers)
         if pan < 0.0:
             assert any(look.measured.painted[place.drawn.names.index(arc)] > 8 for arc in ARCS)
