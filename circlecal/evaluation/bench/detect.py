@@ -142,7 +142,7 @@ def compare(truth: Truth, fit: CameraFit) -> tuple[float, float, float]:
     if len(grid) == 0 or (truth.visible_circle_deg == 0.0 and truth.kind not in FIELD_KINDS):
         return float("inf"), 0.0, 0.0
     true = camera.project(surface.lift(grid))
-    # the field turned by 180 degrees is the same: errors, and what is said of them, are those of the nearer one
+    # a field turned by 180 degrees looks alike: errors, and what is said of them, are those of the nearer one
     near = min((grid, -grid), key=lambda places: _mean_distance_px(fit.view.project(places), true))
     seen = project(fit.theta[None], near[None], fit.model)
     difference, by_theta = seen.pixels[0] - true, seen.jacobians()[0][0]
