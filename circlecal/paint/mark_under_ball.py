@@ -83,11 +83,11 @@ def find_mark_under_ball(
     middle = len(seen.base) // 2
     axes = np.stack([along[middle], across[middle]], axis=-1)
     scenes = [_place_ball(seen, share * seen.half_px[1], axes, blur_px) for share in BALL_HALVES]
-    found = [(*_search(seen, scene, inner, offset, contrast), scene) for scene in scenes]
+    found = [(*_search(scene, inner, offset, contrast), scene) for scene in scenes]
     misfit, row, scene = min(found, key=lambda one: one[0])
     if misfit > MOST_MISFIT:
         return None
-    place, alike = _refine(seen, scene, inner, row)
+    place, alike = _refine(scene, inner, row)
     if alike < LEAST_ALIKE:
         return None
     point = np.array([np.interp(place, seen.position, seen.base[:, axis]) for axis in range(2)])
@@ -150,13 +150,11 @@ def _place_ball(seen: RectifiedLine, radius_px: float, axes: Array, blur_px: flo
     return _Scene(seen, radius_px, blur_px, np.linalg.solve(axes, np.array([0.0, -above_px])))
 
 
-def _search(
-    seen: RectifiedLine, scene: _Scene, inner_px: float, offset: tuple[float, float], contrast: float
-) -> tuple[float, int]:
+def _search(scene: _Scene, inner_px: float, offset: tuple[float, float], contrast: float) -> tuple[float, int]:
     """The least share of the brightness that mark, ball and even ground leave unexplained, and at which row the mark's
     middle lies then; infinite where nowhere both are as bright as they must be.
     """
-    before, behind, beside = scene.reach
+    seen, (before, behind, beside) = scene.seen, scene.reach
     t = np.arange(np.floor(before / STEP_PX), np.ceil(behind / STEP_PX) + 1.0) * STEP_PX
     columns = (np.abs(seen.across) > inner_px) & (np.abs(seen.across) <= beside)
     size = len(t) * np.count_nonzero(columns)
@@ -185,11 +183,11 @@ def _search(
     return float(misfit[best]), int(rows[best])
 
 
-def _refine(seen: RectifiedLine, scene: _Scene, inner_px: float, row: int) -> tuple[float, float]:
+def _refine(scene: _Scene, inner_px: float, row: int) -> tuple[float, float]:
     """Where along the line, px, the mark's own shape fits best what is seen of it outside the ball, and how alike the
     two are (their correlation).
     """
-    b, a = scene.half_px
+    seen, (b, a) = scene.seen, scene.half_px
     t = seen.position - seen.position[row]
     spare = BLURS_BESIDE * scene.blur_px
     rows = np.abs(t) <= b + 2.0 * scene.blur_px + REFINED_PX + 2.0

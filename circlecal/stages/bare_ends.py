@@ -24,7 +24,7 @@ end: pixels at 1920 px width.
 GROUND_PX = 6.0
 """The ground is looked at so far beyond the reach of a profile, pixels at 1920 px width."""
 LONGEST_LINE = 2.0
-"""The line is followed so far from its middle, in half lengths: narrow pitches are three quarters as wide as usual."""
+"""The line is followed so far from its middle, in half lengths of the field's: a drawn one may run on."""
 SEEN_AHEAD_PX = 20.0, 140.0
 """From where to where beyond the last paint the ground is looked at, pixels at 1920 px width."""
 SEEN_BESIDE_M, PLACES_BESIDE = (1.0, 6.0), 60
@@ -75,12 +75,17 @@ def count_bare_ends(picture: NDArray[np.uint8], view: FieldView, template: Field
     )
 
 
+def _halfway_line(template: FieldTemplate) -> tuple[Array, Array]:
+    """Middle (2,) of the halfway line and the way (2,) from there to its one end, metres."""
+    ends = template.line_ends(template.line_by_name[template.halfway_line or ""])
+    return ends.mean(axis=0), (ends[1] - ends[0]) / 2.0
+
+
 def _place_line(view: FieldView, template: FieldTemplate, size: tuple[int, int]) -> tuple[Array, Array]:
     """Places (N, 2) of the halfway line and of what lies behind its ends, as far as the picture shows it, at even
     distances in pixels, and how far each is along the line (N,), metres from its middle.
     """
-    ends = template.line_ends(template.line_by_name[template.halfway_line or ""])
-    middle, half = ends.mean(axis=0), (ends[1] - ends[0]) / 2.0
+    middle, half = _halfway_line(template)
     share = np.linspace(-LONGEST_LINE, LONGEST_LINE, 1001)
     pixels = view.project(middle + share[:, None] * half)
     inside = (
@@ -121,12 +126,10 @@ def _is_bare_beside(
     """Whether ground in full view, and no line that crosses it there, lies on one side of a place along the halfway
     line; ``limit`` is how rough ground may be.
     """
-    ends = template.line_ends(template.line_by_name[template.halfway_line or ""])
-    along = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+    middle, half = _halfway_line(template)
+    along = half / np.linalg.norm(half)
     across = side * np.array([-along[1], along[0]])
-    places = view.project(
-        ends.mean(axis=0) + along_m * along + np.linspace(*SEEN_BESIDE_M, PLACES_BESIDE)[:, None] * across
-    )
+    places = view.project(middle + along_m * along + np.linspace(*SEEN_BESIDE_M, PLACES_BESIDE)[:, None] * across)
     inside = (places >= 0.0).all(axis=1) & (places <= np.subtract(picture.shape[::-1], 1)).all(axis=1)
     if not inside.all():
         return False
